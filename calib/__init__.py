@@ -7,7 +7,7 @@ A cell is read from a file, or made of objects: ``Cell(Robot.from_urdf("arm.urdf
     cell = calib.load_cell("cell.toml")
     data = calib.load_measurements(cell, "measurements.csv")
     result = calib.identify(cell, data)
-    result.values, result.std, result.summary()
+    result.values, result.std, result["geometry:A2.x"], result.summary()
     commands = calib.compensate(cell, result, "plan.csv").q
 
 Values are SI and radians, in the order of ``result.model.parameters``, whose ``id``, ``scale`` and
@@ -23,17 +23,15 @@ import importlib
 import typing
 
 if typing.TYPE_CHECKING:
-    from calib.api import observation, parameters, predict, readings, simulate
+    from calib.api import diagnose, identify, observation, parameters, predict, readings, simulate
     from calib.arm.robot import Robot
     from calib.cell import Cell, Load, Repeatability
     from calib.cell.planned import AskedLevels
     from calib.diagnosis import Diagnosis
-    from calib.diagnosis.diagnose import diagnose
     from calib.errors import CalibError
     from calib.files.cell import load_cell
     from calib.files.tables import load_measurements, load_plan, load_targets
     from calib.identification import Identification
-    from calib.identification.identify import identify
     from calib.instruments import (
         ArmCamera,
         Distance,
@@ -49,18 +47,16 @@ if typing.TYPE_CHECKING:
     from calib.prediction.compensate import Compensation, compensate
 
 _HOMES = {  # imported when first asked for: a part of the package does not wait for all of it
-    "calib.api": "observation parameters predict readings simulate",
+    "calib.api": "diagnose identify observation parameters predict readings simulate",
     "calib.arm.robot": "Robot",
     "calib.cell": "Cell Load Repeatability",
     "calib.cell.planned": "AskedLevels",
     "calib.prediction.compensate": "Compensation compensate",
     "calib.diagnosis": "Diagnosis",
-    "calib.diagnosis.diagnose": "diagnose",
     "calib.errors": "CalibError",
     "calib.files.cell": "load_cell",
     "calib.files.tables": "load_measurements load_plan load_targets",
     "calib.identification": "Identification",
-    "calib.identification.identify": "identify",
     "calib.instruments": "ArmCamera Distance FixedCamera Plane Pose Socket Tracker",
     "calib.noise": "Noise",
     "calib.poses": "Measurements Poses poses_at",
@@ -106,6 +102,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> typing.Any:
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("posecal")
     if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(_HOME_OF[name]), name)

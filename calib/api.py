@@ -1,11 +1,11 @@
-"""What needs no result object: parameters, observation matrices, predicted and drawn readings."""
+"""The verbs of Python: what they are given is checked here, and each fault names its argument."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,8 +20,92 @@ from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings, photographed
 
+if TYPE_CHECKING:
+    from calib.diagnosis import Diagnosis
+    from calib.identification import Identification
+
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
+
+
+Data: TypeAlias = Measurements | str | Path
+"""Measurements, or their file."""
+
+
+def identify(
+    cell: Cell,
+    data: Data,
+    *,
+    heldout: Data | float | None = None,
+    rng: np.random.Generator | int = 0,
+    **options: Any,
+) -> Identification:
+    """Estimate the effects that the cell's model contains.
+
+    heldout : measurements that take no part in the estimate and are predicted with it; or the share of
+        the configurations that is set aside, drawn by ``rng``
+    options : approach, method, weighting, length, of :func:`calib.identification.identify.identify`
+
+    Raises CalibError, naming the argument, for what is no measurement of this cell; and what that does.
+    """
+    from calib.identification.identify import identify as estimate
+
+    kept, held = _parts(cell, data, heldout, rng)
+    return estimate(cell, kept, heldout=held, **options)
+
+
+def diagnose(
+    cell: Cell,
+    data: Data,
+    *,
+    heldout: Data | float | None = None,
+    rng: np.random.Generator | int = 0,
+) -> Diagnosis:
+    """Where the gap lies, which effects cause it, and how far it shrinks.
+
+    heldout, rng : as for :func:`identify`
+
+    Raises CalibError as :func:`identify` does.
+    """
+    from calib.diagnosis.diagnose import diagnose as explain
+
+    kept, held = _parts(cell, data, heldout, rng)
+    return explain(cell, kept, heldout=held)
+
+
+def _parts(
+    cell: Cell, data: Data, heldout: Data | float | None, rng: np.random.Generator | int
+) -> tuple[Measurements, Measurements | None]:
+    """Measurements to fit and to hold out. Raises CalibError."""
+    kept = measured(cell, data)
+    if isinstance(heldout, int | float):
+        return kept.split(heldout, rng)
+    return kept, None if heldout is None else measured(cell, heldout, "heldout")
+
+
+def measured(cell: Cell, data: Data, name: str = "data") -> Measurements:
+    """Measurements of a cell, read where they are a file. Raises CalibError that names the argument."""
+    if not isinstance(cell, Cell):
+        raise CalibError(f"cell: {cell!r:.60} is none; read one by load_cell, or make a Cell")
+    if isinstance(data, str | Path):
+        from calib.files.tables import load_measurements
+
+        return load_measurements(cell, data, every_marker=name == "data")
+    if not isinstance(data, Measurements):
+        remedy = "name a file, or make them of arrays by Measurements.of"
+        raise CalibError(f"{name}: {data!r:.60} is no Measurements; {remedy}")
+    _check_joints(cell, data.poses, name)
+    if data.seen.shape[1] != len(cell.channels):
+        channels = f"{data.seen.shape[1]} channels, and the cell {len(cell.channels)}"
+        raise CalibError(f"{name}: has {channels}; give a reading of each of its markers")
+    data.check_numbers(f"{name}: q", f"{name}: readings")
+    return data
+
+
+def _check_joints(cell: Cell, poses: Poses, name: str) -> None:
+    if poses.q.shape[1] != cell.robot.dof:
+        wrong = f"joint values have shape {poses.q.shape}"
+        raise CalibError(f"{name}: {wrong}, expected ({len(poses)}, {cell.robot.dof})")
 
 
 def parameters(cell: Cell, plan: Plan | None = None) -> list[str]:
@@ -179,17 +263,22 @@ def as_vector(model: Model, values: Sequence[float] | Mapping[str, float] | None
 def poses_of(cell: Cell, plan: Plan) -> Poses:
     """The poses of whatever says which they are. Raises InputError, CalibError."""
     if isinstance(plan, Measurements):
-        return plan.poses
+        return measured(cell, plan, "plan").poses
     if isinstance(plan, Poses):
+        _check_joints(cell, plan, "plan")
         return plan
     if isinstance(plan, str | Path):
         from calib.files.tables import load_plan
 
         return load_plan(cell, plan)
-    q = np.atleast_2d(np.asarray(plan, dtype=float))
-    if q.shape[-1] != cell.robot.dof:
-        raise CalibError(f"joint values have shape {q.shape}, expected (m, {cell.robot.dof})")
-    return poses_at(q)
+    try:
+        q = np.atleast_2d(np.asarray(plan, dtype=float))
+    except (TypeError, ValueError):
+        remedy = "give poses, measurements, a file, or joint values"
+        raise CalibError(f"plan: {plan!r:.60} is none; {remedy}") from None
+    poses = poses_at(q)
+    _check_joints(cell, poses, "plan")
+    return poses
 
 
 def _tip_origin_map(

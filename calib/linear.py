@@ -42,8 +42,7 @@ class LinearProblem:
         """Derivatives (m, R, p) of readings to come, by all that may be fitted: no residual yet."""
         return cls(np.zeros(J.shape[:2]), J, np.eye(J.shape[-1]), mixing=mixing)
 
-    @property
-    def by_reading(self) -> Array:
+    def rows(self) -> Array:
         """Independent derivatives (m, R, p): only those of a whole group say what its readings do."""
         return self.J if self.mixing is None else self.mixing(self.J)
 

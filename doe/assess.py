@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Tool
 from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
@@ -56,7 +56,6 @@ def assess(problem: Problem, q: Array) -> Assessment:
     squared = _squared_errors(rows, M)
     scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
-
     return Assessment(
         value=problem.criterion.shown(float(problem.criterion.plain.value(M))),
         determinant=0.0 if lost.any() else float(np.exp(-np.linalg.slogdet(cov)[1] / len(cov))),

@@ -1,8 +1,8 @@
 """What readings tell to first order: rows of those in hand, to come, of candidates, and at the targets.
 
-The readings of one visit share what its approach was off by. So their rows are those of
-``V^-1/2 J`` with ``V = s^2 I + H U H^T``, H the levers of joints and tip, U the arm's variances, s the
-instrument's actual noise over the stated one.
+The readings of one visit share what its approach was off by, so their rows are those of ``V^-1/2 J``
+with ``V = s^2 I + H U H^T``: H the sensitivities to joints and tip, U the arm's variances, s the
+instrument's actual noise over the stated one. Only all rows of a visit together tell what it tells.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from calib.model.covariance import at_points_read, at_tip, working_points
 from calib.poses import Measurements, Poses, poses_at
 from calib.scatter import Scatter, Variances, scatter_of
 
-Stays = tuple[IntArray, IntArray]
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
 
 
@@ -42,62 +41,95 @@ class Linearisation:
     values: Array
     arm: Variances
 
-    def of(self, data: Measurements, kept: Mask | None = None) -> LinearProblem:
-        """Rows of readings, of which some count, shape (m,), and what is known beside them."""
-        off, held = self.model.prior_residuals(self.values)
-        rows = self._rows(data.poses, lambda _: self.weights(data, kept), None)
-        return replace(rows, off=off, held=held)
+    def of(self, data: Measurements, kept: Mask | None = None) -> Rows:
+        """Rows of readings, of which some count, shape (m,)."""
+        return self._rows(data.poses, lambda _: self.weights(data, kept), None)
 
     def weights(self, data: Measurements, kept: Mask | None = None) -> Array:
         """Whitening matrices of readings, shape (m, C, r, r), zero for what does not count."""
         seen = data.seen if kept is None else data.seen & kept[:, None]
-        W = self._whitening(data.poses, data.readings, data.sigma)
+        W = self.model.readout.whitening(self.values, data.poses, data.readings, data.sigma)
         return np.asarray(W * seen[..., None, None])
 
-    def candidates(
-        self, poses: Poses, seen: Mask | None, visit: Stays, sigma: float
-    ) -> LinearProblem:
-        """Rows of poses that may be read; beams end where they are predicted.
+    def of_visits(
+        self, poses: Poses, seen: Mask | None, visit: IntArray, sigma: float = np.nan
+    ) -> Array:
+        """Independent rows of poses that may be read, all of a visit together, (visits, rows, p).
 
-        seen : ndarray of bool, shape (m, M), markers in sight, all where it is None
-        visit : approach and configuration of each reading, (m,): candidates come in no order
+        seen : ndarray of bool, shape (visits, C), what is in sight, all where it is None
+        visit : ndarray of int, shape (m,), of each reading: all free, then all loaded
         sigma : m, standard deviation of every point, NaN for that of the cell
         """
-        return self._rows(poses, lambda points: self.foreseen(poses, points, seen, sigma), visit)
+        seen = None if seen is None else seen[visit]
+        rows = self._rows(poses, lambda points: self.foreseen(poses, points, seen, sigma), visit)
+        return by_visit(rows.problem.rows(), int(visit[-1]) + 1)
 
-    def scatter(self, poses: Poses, visit: Stays | None = None) -> Scatter:
-        """How readings err together; visit : as above, as the poses say without it."""
+    def scatter(self, poses: Poses, visit: IntArray | None = None) -> Scatter:
+        """How readings err together; visit : of each one, as the poses say without it."""
         scatter = scatter_of(self.model, self.values, poses, self.arm)
-        if visit is None:
-            return scatter
-        return replace(scatter, approach=visit[0], configuration=visit[1])
+        return scatter if visit is None else replace(scatter, approach=visit, configuration=visit)
 
     def _rows(
-        self, poses: Poses, weights: Callable[[Array], Array], visit: Stays | None
-    ) -> LinearProblem:
+        self, poses: Poses, weights: Callable[[Array], Array], visit: IntArray | None
+    ) -> Rows:
         # A model of its own: the last linearisation that a model remembers is no use to others.
         points, J = replace(self.model).jacobian(self.values, poses)
         W = weights(points)
+        off, held = self.model.prior_residuals(self.values)
         rows = weighted(W, J)
         if not self.arm.any:
-            return LinearProblem.of_rows(rows if self.arm.scale == 1.0 else rows / self.arm.scale)
+            return Rows(rows if self.arm.scale == 1.0 else rows / self.arm.scale, off, held)
         scatter = self.scatter(poses, visit)
-        return LinearProblem.of_rows(rows, scatter.mixing(weighted(W, scatter.levers)))
+        return Rows(rows, off, held, scatter, weighted(W, scatter.levers))
 
     def foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
         """Whitening matrices (m, C, r, r), or one number for a row (m, C, 1, 1) where that will do.
 
-        Of :meth:`candidates`; points : where they are predicted, (m, C, r)
+        points : where they are predicted, (m, C, r): there beams end; seen : (m, C)
         """
-        even = self.model.readout.even
+        even, shape = self.model.readout.even, points.shape[:-1]
         if np.isnan(sigma) and even is not None:
-            counted = np.ones(points.shape[:-1], dtype=bool) if seen is None else seen
+            counted = np.ones(shape, dtype=bool) if seen is None else seen
             return np.where(counted, 1.0 / even, 0.0)[..., None, None]
-        W = self._whitening(poses, points, np.full(points.shape[:-1], sigma))
-        return W if seen is None else W * seen[..., None, None]
+        W = self.model.readout.whitening(self.values, poses, points, np.full(shape, sigma))
+        return np.asarray(W if seen is None else W * seen[..., None, None])
 
-    def _whitening(self, poses: Poses, points: Array, sigma: Array) -> Array:
-        return self.model.readout.whitening(self.values, poses, points, sigma)
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Derivatives of m readings in the instrument's standard deviations, and how the arm scatters.
+
+    J : ndarray, shape (m, R, p); off, held : what is known beside the readings, (h,) and (h, p)
+    scatter : Scatter, None where readings err alone; levers : ndarray, shape (m, R, k), of it
+    weighing : Variances or None, by which a fit weighs whole poses; pull : see ``prior_weight``
+    """
+
+    J: Array
+    off: Array
+    held: Array
+    scatter: Scatter | None = None
+    levers: Array | None = None
+    weighing: Variances | None = None
+    pull: float = 1.0
+
+    def take(self, index: Mask) -> Rows:
+        """Some of the readings: what the others would tell of the scatter is not known."""
+        if self.scatter is None or self.levers is None:
+            return replace(self, J=self.J[index])
+        levers, scatter = self.levers[index], self.scatter.take(index)
+        return replace(self, J=self.J[index], scatter=scatter, levers=levers)
+
+    @cached_property
+    def problem(self) -> LinearProblem:
+        """The linear problem of all of them."""
+        own = replace(LinearProblem.of_rows(self.J), off=self.off, held=self.held)
+        own = replace(own, prior_weight=self.pull)
+        if self.scatter is None or self.levers is None:
+            return own
+        weighing = None
+        if self.weighing is not None:
+            weighing = self.scatter.at(self.weighing).mixing(self.levers)
+        return replace(own, mixing=self.scatter.mixing(self.levers), weighing=weighing)
 
 
 def weighted(W: Array, columns: Array) -> Array:
@@ -107,6 +139,12 @@ def weighted(W: Array, columns: Array) -> Array:
     """
     rows = columns * W if W.shape[-1] == 1 else W @ columns
     return np.asarray(rows.reshape(len(columns), -1, columns.shape[-1]))
+
+
+def by_visit(rows: Array, visits: int) -> Array:
+    """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k): all free, then loaded."""
+    first, *others = rows.reshape(-1, visits, *rows.shape[1:])
+    return np.concatenate([first, *others], axis=1) if others else np.asarray(first)
 
 
 def nominal(model: Model, poses: Poses) -> Array:
@@ -143,7 +181,7 @@ class Regressor(Linearisation):
     T: Array = field(kw_only=True)
 
     @classmethod
-    def nominal(cls, cell: Cell, model: Model, values: Array) -> Regressor:
+    def nominal(cls, cell: Cell, model: Model, values: Array) -> Self:
         """Per plausible size of each parameter, with the noise as the cell says it."""
         arm = Variances.of_arm(model.robot.dof, cell.repeatability)
         return cls(cell, model, values, arm, T=np.diag(model.sizes))
@@ -163,22 +201,20 @@ class Regressor(Linearisation):
         """Independent rows of all readings of each visit, in standard deviations, (m, rows, p).
 
         q : ndarray, shape (m, dof), one visit each
-        visible : ndarray, shape (m, M), markers in sight, all without it
+        visible : ndarray, shape (m, C), readings in sight, all without it
         """
         poses, visit = self._readings(q)
-        seen = None if visible is None else visible[visit]
-        rows = self.candidates(poses, seen, (visit, visit), np.nan).by_reading
-        return by_visit((stacked(rows) @ self.T).reshape(-1, *rows.shape[1:]), len(q))
+        rows = self.of_visits(poses, visible, visit)
+        return np.asarray((stacked(rows) @ self.T).reshape(rows.shape))
 
-    def levers(self, q: Array, visible: Mask) -> Array:
+    def sensitivities(self, q: Array, visible: Mask) -> Array:
         """How a visit's readings follow the tip, in the instrument's standard deviations, (m, rows, 6).
 
-        q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, M)
+        q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, C)
         """
         poses, visit = self._readings(q)
         W = self.foreseen(poses, self.model.predict(self.values, poses), visible[visit], np.nan)
-        own = weighted(W, self.scatter(poses, (visit, visit)).levers[..., -6:])
-        return by_visit(own, len(q))
+        return by_visit(weighted(W, self.scatter(poses, visit).levers[..., -6:]), len(q))
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
         """The readings of visits, all free and then all loaded, and the visit of each."""
@@ -189,20 +225,14 @@ class Regressor(Linearisation):
         """Information matrix of each visit, shape (m, p, p)."""
         p, each = len(self.T), self.model.readout.channels.rows.sum() * len(self.T)
         blocks = np.empty((len(q), p, p))
-        for own in in_parts(len(q), int(each)):
-            rows = self.rows(q[own], None if visible is None else visible[own])
-            np.matmul(np.swapaxes(rows, -1, -2), rows, out=blocks[own])
+        for part in in_parts(len(q), int(each)):
+            rows = self.rows(q[part], None if visible is None else visible[part])
+            np.matmul(np.swapaxes(rows, -1, -2), rows, out=blocks[part])
         return blocks
 
     def whitened(self, mean: Array) -> Regressor:
         """The same in coordinates in which ``mean`` (p, p), in the present ones, is the identity."""
         return replace(self, T=self.T @ np.linalg.inv(np.linalg.cholesky(mean)).T)
-
-
-def by_visit(rows: Array, visits: int) -> Array:
-    """Rows (m, R, k) of one visit beside each other, shape (visits, rows, k): all free, then loaded."""
-    first, *others = rows.reshape(-1, visits, *rows.shape[1:])
-    return np.concatenate([first, *others], axis=1) if others else np.asarray(first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +257,7 @@ class TargetErrors:
             markers are unknowns
         """
         points = working_points if at_markers is None else at_points_read if at_markers else at_tip
-        counts = points(model)
-        # A model of its own: the last linearisation that a model remembers is no use to others.
-        _, J = replace(counts).jacobian_at_rest(values, targets)
+        _, J = replace(points(model)).jacobian_at_rest(values, targets)
         rows = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1])
         return cls(np.asarray(rows), weights / weights.sum())
 

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.elastic import StiffnessVsAngle
 from calib.errors import CalibError
 from calib.model.build import parse_effect
 
@@ -103,28 +103,24 @@ def levels_of(
         raise CalibError(
             f"levels of {' and '.join(asked)}: one joint at a time; keep the one that matters"
         )
-    ((joint, own),) = asked.items()
+    ((joint, wanted),) = asked.items()
     kept = cell.design.levels.get(joint)
     if given is not None and kept is not None:
         # The cell's values where as many are asked for, and its separation.
-        if own.values is None and kept.values is not None and kept.count == own.count:
-            own = replace(own, values=kept.values)
-        own = replace(own, separation=own.separation or kept.separation)
+        if wanted.values is None and kept.values is not None and kept.count == wanted.count:
+            wanted = replace(wanted, values=kept.values)
+        wanted = replace(wanted, separation=wanted.separation or kept.separation)
     index = _index(cell, joint)
-    levels = _chosen(cell, index, own) if own.values is None else _given(cell, index, own)
-    if poses is None:
-        return levels
-    if given is None and poses % levels.used == 0:
-        levels = replace(levels, per_level=poses // levels.used)
-    if levels.used > poses:
+    levels = (_chosen if wanted.values is None else _given)(cell, index, wanted)
+    if poses is not None and given is None and poses % levels.used == 0:
+        levels = replace(levels, per_level=max(1, poses // levels.used))
+    if poses is not None and levels.poses != poses:
+        few = poses < levels.used
+        each = "need at least" if few else f"x {levels.per_level} poses are"
+        remedy = "ask for more poses or fewer levels" if few else "change one of them"
+        count = levels.used if few else levels.poses
         raise CalibError(
-            f"{levels.used} levels of {joint} need at least {levels.used} poses, not {poses}; "
-            "ask for more poses or fewer levels"
-        )
-    if levels.poses != poses:
-        raise CalibError(
-            f"{levels.used} levels of {joint} x {levels.per_level} poses are "
-            f"{levels.poses} poses, not {poses}; change one of them"
+            f"{levels.used} levels of {joint} {each} {count} poses, not {poses}; {remedy}"
         )
     return levels
 
@@ -172,20 +168,18 @@ def _chosen(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
     even = np.linspace(low, high, max(_GRID, 2 * used + 1))
     # A grid as coarse as the levels themselves, so that some choice keeps its distance.
     apart = np.linspace(low, high, used) if separation and used > 1 else even[:0]
-    knots = cell.knots.get(name, np.zeros(0))
-    knots = knots[(knots >= low) & (knots <= high)]
-    grid = np.concatenate([np.round(np.concatenate([even, apart]) / step) * step, knots])
-    grid = np.unique(np.clip(grid, low, high))
+    knots = cell.knots.get(name, even[:0])
+    rounded = np.round(np.concatenate([even, apart]) / step) * step
+    inside = knots[(knots >= low) & (knots <= high)]
+    grid = np.unique(np.clip(np.concatenate([rounded, inside]), low, high))
     grid = grid[np.append(True, np.diff(grid) > 0.5 * step)]
     return AngleLevels(joint, grid, used, asked.per_level, separation)
 
 
-def steer_the_model(cell: Cell, levels: AngleLevels | None) -> bool:
+def steer_the_model(cell: Cell, levels: AngleLevels) -> bool:
     """Whether levels are to be chosen and the model has a coefficient at each of them."""
-    if levels is None or levels.chosen or cell.robot.joints[levels.joint] in cell.knots:
-        return False
     joint = cell.robot.joints[levels.joint]
-    return any(
+    return not (levels.chosen or joint in cell.knots) and any(
         name == StiffnessVsAngle.kind and (where is None or joint in where)
         for name, where in map(parse_effect, cell.effects)
     )

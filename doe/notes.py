@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.arm.robot import odd_limits
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.elastic import StiffnessVsAngle
 from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.parameters import by_reason
@@ -16,28 +16,23 @@ from doe.plan import Design
 
 def granted_by(design: Design) -> tuple[str, ...]:
     """What the expected error takes for granted, in words that follow "taking for granted"."""
-    return tuple(_granted(design))
-
-
-def _granted(design: Design) -> Iterator[str]:
     cell, judged = design.problem.cell, design.assessment
-    if cell.design.targets is None:
-        yield f"{len(design.problem.targets)} poses spread over the joint limits as targets"
-    if cell.unseen_joints:
-        joints = ", ".join(cell.unseen_joints)
-        yield f"{joints} exact and rigid, as no instrument sees them err"
-    if judged.hidden:
-        yield f"{judged.hidden} of {judged.points} points out of sight"
+    blind = ", ".join(cell.unseen_joints)
+    granted = {
+        f"{len(design.problem.targets)} poses spread over the joint limits as targets": (
+            cell.design.targets is None
+        ),
+        f"{blind} exact and rigid, as no instrument sees them err": bool(blind),
+        f"{judged.hidden} of {judged.points} points out of sight": judged.hidden > 0,
+    }
+    return tuple(text for text, applies in granted.items() if applies)
 
 
 def notes_of(design: Design) -> tuple[str, ...]:
     """What a reader should know about a plan, a sentence or two for each rule that applies."""
-    notes = (" ".join(rule(design)) for rule in _NOTES)
+    limits = odd_limits(design.problem.cell.robot)
+    notes = [" ".join(sentences) for sentences in (limits, *(rule(design) for rule in _NOTES))]
     return tuple(note for note in notes if note)
-
-
-def _odd_limits(design: Design) -> Iterator[str]:
-    yield from odd_limits(design.problem.cell.robot)
 
 
 def _repeat_visits(design: Design) -> Iterator[str]:
@@ -45,13 +40,14 @@ def _repeat_visits(design: Design) -> Iterator[str]:
     visits = design.reapproaches
     if visits is None:
         return
-    both = {"translation": visits.translation, "rotation": visits.rotation}
-    stated = [f"+-{100 * std:.0f} % ({name})" for name, std in both.items() if std > 0.0]
-    unsure = ", if it is well above the noise of the instrument"
+    known = f"+-{100 * visits.common:.0f} %"
+    if visits.whole:
+        known = " and ".join(
+            f"+-{100 * visits.translation:.0f} % ({kind})" for kind in ("translation", "rotation")
+        )
     yield (
         f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the arm's "
-        f"repeatability to {' and '.join(stated) or f'+-{100 * visits.common:.0f} %'}"
-        f"{'' if design.problem.cell.scatters else unsure}."
+        f"repeatability to {known}, if it is well above the noise of the instrument."
     )
     if not visits.asked:
         yield "posecal design --reapproach 0 plans new poses in their place."
@@ -75,17 +71,6 @@ def _weak(design: Design) -> Iterator[str]:
             f"this plan hardly determines {', '.join(weak[:6])}{' ..' * (len(weak) > 6)}. Do not "
             f"identify them from it, or plan with criterion A or D in place of {design.criterion}"
         )
-
-
-def _outside(design: Design) -> Iterator[str]:
-    """Plans that were given, with poses beyond the limits."""
-    low, high = design.problem.cell.robot.limits.T
-    given = {name: rival.q for name, rival in design.rivals.items()}
-    if design.problem.request.fixed is not None:
-        given["the plan to extend"] = design.problem.request.fixed.q
-    for name, q in given.items():
-        if count := int(((q < low - 1e-4) | (q > high + 1e-4)).any(axis=1).sum()):
-            yield f"{name}: {count} poses are outside the joint limits"
 
 
 def _unmoved(design: Design) -> Iterator[str]:
@@ -137,6 +122,4 @@ def _coefficients(design: Design) -> Iterator[str]:
             )
 
 
-_NOTES = (
-    _odd_limits, _repeat_visits, _unplanned, _weak, _outside, _unmoved, _checked, _coefficients,
-)  # fmt: skip
+_NOTES = (_repeat_visits, _unplanned, _weak, _unmoved, _checked, _coefficients)

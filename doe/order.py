@@ -1,18 +1,30 @@
-"""A day of measurement: the poses of a plan in a short order, and the time that they take."""
+"""A day of measurement: the poses in a short order, those that are visited again, and the time.
+
+Second visits of a pose alone tell how well the arm comes back: each brings a degree of freedom for
+each coordinate of the tip that the markers show, six of three markers, three of one. They are spread
+over the day, so that its drift is no part of one time alone, and come from the other side: what differs
+between two sides is no scatter.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
 
 import numpy as np
 
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
+from calib.errors import CalibError
 from calib.poses import Poses
+from doe.constraints import scene_of, visible
+from doe.problem import Problem
 
 _FULL_SPEED_IN = 0.5  # s, from rest, where no acceleration is given
 _STARTS = 12  # places from which a way is begun
 _LEAST = 1e-9  # of the mean cost: an improvement
+_SEEN = 1e-6  # of the largest sensitivity: a direction that moves the markers less is not read
+_DETOUR = 0.25  # what the time of a mean way weighs beside all joints from the other side
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +90,7 @@ def travel(q: Array) -> float:
 
 
 def quickest_order(cell: Cell, q: Array) -> IntArray:
-    """The order of poses (m, dof) in which little time is spent between them; it ends anywhere."""
+    """The order of poses (m, dof) with little time between them; it ends anywhere."""
     return shortest_order(durations(cell, q - q[:, None]))
 
 
@@ -123,3 +135,120 @@ def _improved(way: IntArray, cost: Array) -> IntArray:
         if gain[i, j] >= least:
             return way
         way = np.concatenate([way[:i], way[i : j + 1][::-1], way[j + 1 :]])
+
+
+@dataclass(frozen=True)
+class Reapproaches:
+    """Poses of the plan that are visited a second time.
+
+    poses : tuple of str, the plan's; again : tuple of str, each one's second visit
+    dof : int, coordinates that tell of the repeatability, if it is well above the instrument's noise
+    whole : bool, whether every visit shows all six coordinates of the tip
+    asked : bool, else they are among the poses that were asked for
+    """
+
+    poses: tuple[str, ...]
+    again: tuple[str, ...]
+    dof: int
+    whole: bool
+    asked: bool
+
+    @property
+    def common(self) -> float:
+        """Relative standard deviation of the repeatability if the ratio of both is known."""
+        return float(1.0 / np.sqrt(2.0 * self.dof))
+
+    @property
+    def translation(self) -> float:
+        """That of translation beside rotation, NaN where the markers do not tell them apart."""
+        return float(1.0 / np.sqrt(self.dof)) if self.whole else float("nan")
+
+    @property
+    def rotation(self) -> float:
+        """That of rotation beside translation: there are as many coordinates."""
+        return self.translation
+
+
+def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:
+    """The poses, some of them once more, over the whole day and from the other side.
+
+    The later one of two visits is named ``_again``. The last pose is never among them.
+
+    Raises CalibError where the plan has too few poses.
+    """
+    chosen, dof = _spread(problem, poses, count)
+    day = over_the_day(problem.cell, poses.q, chosen.tolist())
+    later = [i in day[:k] for k, i in enumerate(day)]
+    names = [f"{poses.names[i]}{'_again' * second}" for i, second in zip(day, later, strict=True)]
+    visited = replace(poses.take(np.array(day)), names=tuple(names), time=None, order=None)
+    once = tuple(poses.names[i] for i in chosen)
+    again = tuple(f"{name}_again" for name in once)
+    whole = bool((dof == 6).all())
+    return visited, Reapproaches(once, again, int(dof.sum()), whole, problem.request.asked)
+
+
+def _spread(problem: Problem, poses: Poses, count: int) -> tuple[IntArray, IntArray]:
+    """Of the poses that show most coordinates, those farthest from each other, and how many, (count,).
+
+    Arms return worse in some postures than in others: the figure is to hold for the workspace.
+    """
+    first = np.unique(poses.configuration, return_index=True)[1]
+    may = np.sort(first[poses.configuration[first] != poses.configuration[-1]])
+    if count > len(may):
+        raise CalibError(
+            f"{count} poses cannot be visited again: {len(may)} of {len(poses)} can, as the arm stands "
+            "at the last one; ask for fewer, or for more poses"
+        )
+    q = poses.q[may]
+    H = problem.regressor.sensitivities(q, visible(scene_of(problem.cell, q)))
+    size = np.linalg.svd(H, compute_uv=False)
+    shown = (size > _SEEN * size.max()).sum(axis=1)
+    low, high = problem.cell.robot.sample_limits().T
+    at = q / np.maximum(high - low, 1e-9)
+    apart = np.abs(at[:, None] - at).max(axis=-1)
+    chosen: list[int] = []
+    for _ in range(count):
+        free = np.setdiff1d(np.arange(len(may)), chosen)
+        free = free[shown[free] == shown[free].max()]
+        away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
+        chosen.append(int(free[away.argmax()]))
+    chosen.sort()
+    return may[chosen], shown[chosen]
+
+
+def over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:
+    """The order of poses (m, dof) with second visits of those chosen, in parts of the day alike.
+
+    Each part, the last one first, takes that of them which comes from the other side with most joints
+    and at little detour; two visits of a pose have another one between them.
+    """
+    day, left, ways = list(range(len(q))), list(chosen), durations(cell, q - q[:, None])
+    ends = np.linspace(1, len(q) + 1, len(chosen) + 1).round().astype(int).tolist()
+    for first, end in reversed(list(pairwise(ends))):
+        # A part may be as short as the way round its poses.
+        offers = _offers(q, ways, day, left, range(first, end)) or _offers(
+            q, ways, day, left, range(1, len(day) + 1)
+        )
+        _, at, pose = min(offers)
+        day.insert(at, pose)
+        left.remove(pose)
+    return day
+
+
+def _offers(
+    q: Array, ways: Array, day: list[int], left: list[int], places: range
+) -> list[tuple[float, int, int]]:
+    """Cost, place and pose of every second visit that may stand there."""
+    mean, offers = float(ways.mean()) or 1.0, []
+    for at, pose in product(places, left):
+        before, after = day[at - 1], day[at] if at < len(day) else None
+        if pose in (before, after):
+            continue
+        k = day.index(pose)
+        side = np.sign(q[pose] - q[day[k - 1]]) if k else np.zeros(q.shape[1])
+        other = float((side * np.sign(q[pose] - q[before]) < 0.0).mean())
+        detour = ways[before, pose]
+        if after is not None:
+            detour += ways[pose, after] - ways[before, after]
+        offers.append((_DETOUR * float(detour) / mean - other, at, pose))
+    return offers

@@ -7,22 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import count
 
 import numpy as np
 
-from calib.api import readings
 from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects import Effect, catalogue
 from calib.effects.protocol import ElasticEffect
 from calib.errors import CalibError
-from calib.identification.checks import outnumbered
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.model.covariance import Unidentifiable, identifiable
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import poses_at
 from doe.information import Regressor
 from doe.request import CannotIdentify, Request
 
@@ -98,33 +95,28 @@ def interest_of(model: Model, request: Request) -> Array | None:
         return None
     one = np.eye(len(model.parameters))
     if request.criterion != "c":
-        rows = sorted({row for text in request.of for row in _known(model, text)})
-        return np.asarray(one[rows])
+        return one[sorted({row for text in request.of for row in _known(model, text)})]
     direction = np.zeros((1, len(one)))
     for text in request.of:
-        name, _, factor = text.partition("=")
+        name, equals, factor = text.partition("=")
         rows = _known(model, name)
         if len(rows) != 1:
             raise CalibError(
                 f"of {name!r} names {len(rows)} parameters; a combination takes single ones"
             )
-        direction[0, rows] = _factor(text, factor or "1")
+        try:
+            direction[0, rows] = float(factor) if equals else 1.0
+        except ValueError:
+            direction[0, rows] = 0.0
+        if not 1.0 / _LARGEST_FACTOR <= abs(direction[0, rows[0]]) <= _LARGEST_FACTOR:
+            raise CalibError(
+                f"of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
+            )
     return direction
 
 
-def _factor(text: str, factor: str) -> float:
-    try:
-        number = float(factor)
-    except ValueError:
-        number = 0.0
-    if not 1.0 / _LARGEST_FACTOR <= abs(number) <= _LARGEST_FACTOR:
-        raise CalibError(
-            f"of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
-        )
-    return number
-
-
 def _matches(model: Model, text: str) -> list[int]:
+    """Positions of a parameter, or of the parameters of an effect, at one place or everywhere."""
     name, _, where = text.partition(":")
     return [
         i
@@ -167,46 +159,21 @@ def without_idle(
     return tuple(e for e in effects if e not in idle), left
 
 
-def check_count(regressor: Regressor, request: Request, probe: Poses) -> None:
-    """Refuse a number of poses of which no choice determines all. Raises CannotIdentify.
-
-    A reading fixes no more than the rigid coordinates of its markers: known before any search.
-
-    probe : Poses, feasible ones
-    """
-    extra, cell = 0 if request.fixed is None else len(request.fixed), regressor.cell
-
-    def too_few(poses: int) -> bool:
-        read = readings(cell, probe.take(np.arange(poses + extra) % len(probe)))
-        seen = np.ones((len(read), len(cell.channels)), dtype=bool)
-        blank = np.zeros((*seen.shape, cell.channels.width))
-        data = Measurements(read, blank, seen, np.full(seen.shape, np.nan))
-        return outnumbered(regressor.model, data)
-
-    if not len(regressor.known) and too_few(request.poses):
-        least = next(n for n in count(request.poses + 1) if not too_few(n))
-        raise _few(request, len(regressor.T), least)
-
-
-def _few(request: Request, parameters: int, least: int) -> CannotIdentify:
-    return CannotIdentify(
-        (),
-        f"{request.poses} poses give too few equations for {parameters} parameters; "
-        f"ask for at least {least} poses, or take effects out of [model] effects",
-    )
-
-
 def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> None:
     """Refuse a model that no plan of the size determines. Raises CannotIdentify.
 
     rows : ndarray, shape (m, rows, p), of feasible configurations, columns in plausible sizes
     """
-    extra, missing = 0 if request.fixed is None else len(request.fixed), rows.shape[2]
-    missing -= len(regressor.known)
+    p = rows.shape[2]
     # Free of load a pose may tell nothing.
-    least = -(-missing // int(rows.any(axis=(0, 2)).sum())) - extra
+    each = int(rows.any(axis=(0, 2)).sum())
+    least = -(-(p - len(regressor.known)) // each) - request.extends if each else 0
     if request.poses < least:
-        raise _few(request, rows.shape[2], least)
+        raise CannotIdentify(
+            (),
+            f"{request.poses} poses give too few equations for {p} parameters; ask for at least "
+            f"{least} poses, or take effects out of [model] effects",
+        )
     lost = _undetermined(regressor, rows, request)
     if not lost:
         return
@@ -234,8 +201,8 @@ def _undetermined(
 ) -> tuple[Unidentifiable, ...]:
     """Parameters of which a plan of the size tells less than twenty plausible sizes, one an entry."""
     m, _, p = rows.shape
-    poses = request.poses + (0 if request.fixed is None else len(request.fixed))
-    scaled = np.concatenate([rows.reshape(-1, p) * np.sqrt(poses / m), regressor.known])
+    share = np.sqrt((request.poses + request.extends) / m)
+    scaled = np.concatenate([rows.reshape(-1, p) * share, regressor.known])
     ids = tuple(parameter.id for parameter in regressor.model.parameters)
     return identifiable(scaled, np.ones(p), ids).unidentifiable
 

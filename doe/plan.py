@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,9 +12,10 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.assess import Assessment
 from doe.levels import AngleLevels
-from doe.order import PlannedDay
+from doe.order import PlannedDay, Reapproaches
 from doe.problem import Problem
-from doe.repeats import Reapproaches
+
+_PAYS = 0.05  # squared error times poses, above its least, that is still as good
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +168,33 @@ class Design(Result):
         """At least this fraction of the best that any allowed plan could reach."""
         return self.certificate.efficiency
 
+    @property
+    def matches(self) -> dict[str, int | None]:
+        """Fewest poses of the curve that do what each plan judged beside this one does, by name."""
+        sign = 1.0 if self.problem.criterion.larger_is_better else -1.0
+        return {
+            name: min(
+                (s.poses for s in self.curve if sign * s.value >= sign * rival.assessment.value),
+                default=None,
+            )
+            for name, rival in self.rivals.items()
+        }
+
 
 def named(q: Array) -> Poses:
     """Poses p01, p02 .. at joint values (N, dof)."""
     width = max(2, len(str(len(q))))
     return poses_at(q, names=tuple(f"p{i + 1:0{width}d}" for i in range(len(q))))
+
+
+def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
+    """The count of poses or readings from which on more of them only average noise; None for none.
+
+    counts, errors : as many of each, expected RMS error in any unit
+    Then the squared error falls as one over their number: twice the poses for a third off the error.
+    With fewer, every further pose does more than that.
+    """
+    if not counts:
+        return None
+    work = np.array(counts) * np.array(errors) ** 2
+    return counts[int(np.flatnonzero(work <= (1.0 + _PAYS) * work.min())[0])]

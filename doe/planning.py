@@ -1,29 +1,42 @@
-"""The verb: choose the poses of a cell and prove how good they are."""
+"""The verb: choose the poses of a cell and prove how good they are.
+
+Candidates are drawn and judged, weighed, and the best whole plan of them is searched; its angles are
+polished, it is put in the order of a day, and the certificate is recomputed for what came out.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from calib.arrays import Array
+from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.poses import Measurements, Poses
 from calib.threads import one_blas_thread
-from doe.assess import assess
-from doe.curve import accuracy_curve
+from doe.assess import assess, open_parameters
+from doe.candidates import Pool, movable, rounded
+from doe.constraints import scene_of
 from doe.levels import AngleLevels, steer_the_model, with_even_knots
 from doe.notes import granted_by, notes_of
-from doe.order import day_of, quickest_order
-from doe.plan import Candidates, Design, Rival, named
+from doe.optimal.function import Selection
+from doe.optimal.relax import bounded, relax
+from doe.optimal.search import WholePlan, best_plan
+from doe.order import Reapproaches, day_of, quickest_order, with_reapproaches
+from doe.plan import Candidates, Certificate, CurveStep, Design, Rival, named
 from doe.problem import Problem, problem_of
-from doe.repeats import Reapproaches, with_reapproaches
 from doe.request import CANDIDATES, CannotIdentify, Request, request_of
-from doe.solve import certified, choose, polished
+
+_ROUNDING = 1e-6  # of a value
+_EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
+_TRIES, _ROUNDS = 32, 36  # neighbours of each pose in one round
+_WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
+_STEPS = 8  # of a curve
 
 
 def design(
@@ -80,8 +93,8 @@ def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desig
 
 def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:
     clock = _Clock()
-    if steer_the_model(cell, request.levels):
-        request = replace(request, levels=_levels(cell, request))
+    if request.levels is not None and steer_the_model(cell, request.levels):
+        request = replace(request, levels=_levels(cell, request, request.levels))
         clock.lap("levels")
     problem = problem_of(cell, request)
     offered = pool = problem.candidates()
@@ -89,22 +102,23 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
     chosen = final = choose(problem, pool)
     clock.lap("exchange")
     if request.polish and isinstance(request.candidates, int):
-        pool, final = polished(problem, pool, chosen)
+        pool, final = _polished(problem, pool, chosen)
         clock.lap("polish")
     poses, again, second = _visited(problem, pool.q[final.plan])
-    certificate = certified(problem, pool, chosen, final, second)
+    certificate = _certified(problem, pool, chosen, final, second)
     left = problem.posed(pool).survivors(final.relaxed.G, final.value)
+    levels = request.levels
+    if levels is not None and not levels.chosen:
+        levels = levels.only(np.unique(poses.q[:, levels.joint]))
     result = Design(
         problem=problem,
         poses=poses,
-        levels=_settled(problem, poses.q),
+        levels=levels,
         assessment=assess(problem, poses.q),
         certificate=certificate,
         candidates=Candidates(offered.drawn, len(offered), offered.removed, len(left)),
-        rivals={
-            name: _judged(problem, plan.q, certificate.bound) for name, plan in against.items()
-        },
-        curve=accuracy_curve(problem, offered) if request.curve else (),
+        rivals={n: _judged(problem, plan.q, certificate.bound) for n, plan in against.items()},
+        curve=_accuracy_curve(problem, offered) if request.curve else (),
         reapproaches=again,
         day=day_of(cell, poses),
     )
@@ -112,41 +126,171 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
     return replace(result, notes=notes_of(result), granted=granted_by(result), seconds=clock.laps)
 
 
-def _levels(cell: Cell, request: Request) -> AngleLevels | None:
-    """Levels that are best for a model with even knots: the model's own will follow them."""
-    levels = request.levels
-    if levels is None:
-        return None
+def _levels(cell: Cell, request: Request, levels: AngleLevels) -> AngleLevels:
+    """Levels that are best for a model with even knots: the model's knots will follow them."""
     problem = problem_of(with_even_knots(cell, levels), request)
     pool = problem.candidates()
-    chosen = choose(problem, pool)
-    used = np.unique(pool.q[chosen.plan, levels.joint])
-    return levels.only(used, chosen.value / chosen.relaxed.bound)
-
-
-def _settled(problem: Problem, q: Array) -> AngleLevels | None:
-    """The levels at which poses (m, dof) stand."""
-    levels = problem.request.levels
-    if levels is None or levels.chosen:
-        return levels
-    return levels.only(np.unique(q[:, levels.joint]))
+    best = choose(problem, pool)
+    used = np.unique(pool.q[best.plan, levels.joint])
+    return levels.only(used, best.value / best.relaxed.bound)
 
 
 def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None, Array]:
     """The poses in the order of a day, which of them are read again, and these (k, dof)."""
-    again: Reapproaches | None = None
-    poses = named(q[quickest_order(problem.cell, q)])
+    poses, again = named(q[quickest_order(problem.cell, q)]), None
     if problem.request.reapproaches:
         poses, again = with_reapproaches(problem, poses, problem.request.reapproaches)
-    second = [again is not None and name in again.again for name in poses.names]
-    order = np.arange(float(len(poses)))
-    return replace(poses, order=order), again, poses.q[np.array(second, dtype=bool)]
+    second = np.array([again is not None and name in again.again for name in poses.names])
+    return replace(poses, order=np.arange(float(len(poses)))), again, poses.q[second]
 
 
 def _judged(problem: Problem, q: Array, bound: float) -> Rival:
     """A plan (m, dof) beside the result."""
     M = problem.fixed + problem.information(q).sum(axis=0)
     return Rival(assess(problem, q), float(problem.criterion.plain.value(M)) / bound, q)
+
+
+def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
+    """Best weights over the pool and the best whole plan of it. Raises CannotIdentify."""
+    posed, request = problem.posed(pool), problem.request
+    best = best_plan(posed, relax(posed), seed=request.seed, thorough=thorough)
+    lost = open_parameters(problem, posed.blocks.total(best.plan))
+    if problem.criterion.whole and lost.any():
+        ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
+        more = "more poses" if request.levels is None else "more levels, more poses"
+        raise CannotIdentify(
+            tuple(ids),
+            f"{request.poses} poses leave {len(ids)} of {len(lost)} parameters open: "
+            f"{', '.join(ids[:4])}{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of "
+            "[model] effects",
+        )
+    return _reported(problem, posed, best)
+
+
+def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
+    """A plan with value and bound of the criterion that people read.
+
+    The search goes by one with a little more in it, and a bound of the one is none of the other: at a
+    single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
+    """
+    plain, relaxed = replace(posed, criterion=problem.criterion.plain), best.relaxed
+    if plain.criterion is not posed.criterion:
+        relaxed = bounded(plain, relaxed)
+    return replace(best, value=plain.value(best.plan), relaxed=relaxed)
+
+
+def _certified(
+    problem: Problem, pool: Pool, before: WholePlan, final: WholePlan, again: Array
+) -> Certificate:
+    """What is proved of a plan whose poses ``again`` (m, dof) are visited twice.
+
+    before : the plan before its poses were polished; final : its poses among those of the pool
+    """
+    posed = replace(problem.posed(pool), criterion=problem.criterion.plain)
+    blocks, relaxed, count = posed.blocks, final.relaxed, len(again)
+    scores = blocks.scores(relaxed.G)
+    best = np.full(count, scores.argmax()) if posed.allowed.repeats else np.argsort(-scores)[:count]
+    M = blocks.total(final.plan)
+    # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
+    rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(M)))
+    bound = relaxed.bound + float(scores[best].sum())
+    value = float(posed.criterion.value(M + problem.information(again).sum(axis=0)))
+    if not posed.allowed.admits(final.plan) or value > bound * (1.0 + rounding):
+        raise AssertionError("a plan against its rules, or above its bound: this is a defect")
+    return Certificate(
+        value=min(value, bound),
+        bound=bound,
+        weighted=float(posed.criterion.value(relaxed.M + blocks.matrices(best).sum(axis=0))),
+        pool_value=before.value,
+        pool_bound=before.relaxed.bound,
+        rounds=before.relaxed.rounds,
+        agreement_of_starts=before.agreement,
+    )
+
+
+def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
+    """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
+    M = problem.posed(pool).blocks.total(chosen.plan)
+    q = _polish(problem, pool.q[chosen.plan], M)
+    plan = np.arange(len(pool), len(pool) + len(q))
+    pool = pool.plus(problem.regressor, problem.request.levels, q)
+    posed = problem.posed(pool)
+    relaxed = relax(posed, start=np.concatenate([chosen.relaxed.support, plan]))
+    return pool, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed))
+
+
+def _polish(problem: Problem, q: Array, M: Array) -> Array:
+    """Move the poses (N, dof) of a plan of information M inside the constraints, levels kept.
+
+    The criterion is never lower than before.
+    """
+    rng, blocks = np.random.default_rng(problem.request.seed), problem.information(q)
+    value = float(problem.criterion.value(M))
+    for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
+        tries, owner = _neighbours(problem, q, width, rng)
+        tried, q = problem.information(tries), q.copy()
+        for slot in range(len(q)):
+            near = np.flatnonzero(owner == slot)
+            rest = M - blocks[slot]
+            values = problem.criterion.value(rest + tried[near])
+            if len(near) and values.max() > value:
+                best = near[values.argmax()]
+                value, q[slot], blocks[slot] = float(values.max()), tries[best], tried[best]
+                M = rest + blocks[slot]
+    return q
+
+
+def _neighbours(
+    problem: Problem, q: Array, width: float, rng: np.random.Generator
+) -> tuple[Array, IntArray]:
+    """Poses near those of a plan (N, dof) that keep the constraints, and which one each is near.
+
+    width : of the steps, by the joints' ranges
+    """
+    robot, levels = problem.cell.robot, problem.request.levels
+    low, high = robot.sample_limits().T
+    steps = rng.normal(size=(len(q), _TRIES, robot.dof)) * width * (high - low)
+    steps *= movable(problem.cell, levels)
+    # Half of the tries move one joint alone: most gains lie along single axes.
+    steps[:, : _TRIES // 2] *= np.eye(robot.dof)[
+        rng.integers(robot.dof, size=(len(q), _TRIES // 2))
+    ]
+    tries = rounded(problem.cell, np.clip(q[:, None, :] + steps, low, high).reshape(-1, robot.dof))
+    owner = np.repeat(np.arange(len(q)), _TRIES)
+    if levels is not None:
+        tries[:, levels.joint] = q[owner, levels.joint]
+    tries = robot.tied(tries)
+    for constraint in problem.constraints:
+        if len(tries):
+            kept = constraint.allows(scene_of(problem.cell, tries))
+            tries, owner = tries[kept], owner[kept]
+    return tries, owner
+
+
+def _accuracy_curve(problem: Problem, pool: Pool) -> tuple[CurveStep, ...]:
+    """Plans of the same candidates with fewer and with more poses, up to twice as many."""
+    steps = []
+    for request in _sizes(problem):
+        with suppress(CannotIdentify):
+            sized = replace(problem, request=request)
+            best = choose(sized, pool, thorough=False)
+            judged = assess(sized, pool.q[best.plan])
+            proved = min(1.0, best.value / best.relaxed.bound)
+            steps.append(CurveStep(request.poses, judged.value, judged.task_rms, proved))
+    return tuple(steps)
+
+
+def _sizes(problem: Problem) -> Iterator[Request]:
+    request = problem.request
+    if request.levels is not None:
+        for count in range(1, 2 * request.levels.per_level + 1):
+            levels = replace(request.levels, per_level=count)
+            yield replace(request, levels=levels, poses=levels.poses)
+        return
+    least = -(-len(problem.model.parameters) // int(problem.model.readout.channels.rows.sum()))
+    sizes = np.geomspace(max(least, 2), 2 * request.poses, _STEPS).round().astype(int)
+    for poses in np.union1d(sizes, request.poses).tolist():
+        yield replace(request, poses=poses)
 
 
 @dataclass

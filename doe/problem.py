@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 
 import numpy as np
 
@@ -17,25 +16,15 @@ from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import Unidentifiable
 from calib.poses import Poses, poses_at
-from doe.candidates import (
-    MOST_PROBED,
-    PROBE,
-    Pool,
-    chunked,
-    drawn,
-    pool_of,
-    probe_of,
-    rounded,
-)
+from doe.candidates import Pool, candidates_of, rounded
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
 from doe.information import Regressor, TargetErrors, nominal
 from doe.levels import at_level
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.selection import Selection
+from doe.optimal.function import Selection
 from doe.parameters import (
-    check_count,
     check_identifiable,
     interest_of,
     rival_rows,
@@ -47,17 +36,18 @@ from doe.request import CannotIdentify, Request, refuse_touching, refuse_unplace
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
+_PROBE = 2000  # candidates by which a cell is known
 _REGION = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything but the candidates.
+    """A choice of poses.
 
     cell : Cell; with the rivals in its model where there are some
     request : Request
-    regressor : Regressor, in coordinates in which the mean information of a probe is the identity
-    constraints : tuple of Constraint
+    regressor : Regressor, in coordinates in which the mean information of candidates is the identity
+    constraints : tuple of Constraint; feasible : Pool, candidates that keep them
     criterion : Criterion
     targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
     left_out : tuple of Unidentifiable, elastic parameters that the arm's own weight does not show
@@ -68,6 +58,7 @@ class Problem:
     request: Request
     regressor: Regressor
     constraints: tuple[Constraint, ...]
+    feasible: Pool
     criterion: Criterion
     targets: Poses
     at_targets: TargetErrors
@@ -95,13 +86,10 @@ class Problem:
             return np.zeros((0, len(self.regressor.T), len(self.regressor.T)))
         return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
-    def blocks(self, pool: Pool) -> Blocks:
-        """Information of a pool beside what is fixed."""
-        return Blocks(pool.packed, self.fixed, self.regressor.rank)
-
     def posed(self, pool: Pool) -> Selection:
         """The choice of a plan from a pool."""
-        return Selection(self.criterion, self.blocks(pool), self.rules(pool.level))
+        blocks = Blocks(pool.packed, self.fixed, self.regressor.rank)
+        return Selection(self.criterion, blocks, self.rules(pool.level))
 
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels."""
@@ -112,46 +100,24 @@ class Problem:
         return Allowed(level, levels.values, counts, levels.used, levels.separation, repeats)
 
     def candidates(self) -> Pool:
-        """Candidates, enough of them at every level. Raises CalibError saying what removed them."""
-        request, levels, source = self.request, self.request.levels, self.request.candidates
-        if isinstance(source, Poses):
-            _check_rows(self.cell, request, source)
-            chunks, count = chunked(source.q), len(source)
-        else:
-            chunks, count = drawn(self.cell, source, levels, request.seed), source
-        pool = pool_of(self.regressor, self.constraints, levels, chunks, count)
-        if request.fixed is not None and not request.repeats:
-            pool = pool.without(request.fixed.q)
-        self._check_enough(pool)
-        return pool
-
-    def _check_enough(self, pool: Pool) -> None:
-        if not len(pool):
-            raise pool.too_few()
+        """The feasible candidates with their information. Raises CalibError where they are too few."""
+        pool = self.feasible
+        if self.request.fixed is not None and not self.request.repeats:
+            pool = pool.without(self.request.fixed.q)
         rules = self.rules(pool.level)
-        if rules.chooses_levels:
-            if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
-                raise pool.too_few(f" for each of {rules.used} levels far enough apart")
-            return
-        for level, (members, count) in enumerate(zip(rules.members, rules.counts, strict=True)):
-            needed = 1 if rules.repeats else int(count)
+        if rules.chooses_levels and not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
+            raise pool.too_few(f" for each of {rules.used} levels far enough apart")
+        counts = rules.counts * (0 if rules.chooses_levels else 1)
+        for level, (members, count) in enumerate(zip(rules.members, counts, strict=True)):
+            needed = 1 if rules.repeats and count else int(count)
             if len(members) < needed:
                 where = at_level(self.cell, self.request.levels, level)
                 raise pool.too_few(where, len(members), needed)
-
-
-def _check_rows(cell: Cell, request: Request, table: Poses) -> None:
-    """Refuse a table of candidates without a row at a level that is wanted."""
-    levels = request.levels
-    if levels is None or not levels.chosen:
-        return
-    for level in np.setdiff1d(np.arange(len(levels.values)), levels.of(table.q)):
-        where = at_level(cell, levels, int(level))
-        raise CalibError(f"the table of candidates has no row{where}; add some")
+        return pool.informed(self.regressor)
 
 
 def problem_of(cell: Cell, request: Request) -> Problem:
-    """Set up the model, its coordinates and the criterion.
+    """Set up the model, the candidates, their coordinates and the criterion.
 
     Raises CalibError: unknown effects, targets outside the limits, no feasible candidate, parameters
     that no plan determines (CannotIdentify), a criterion that lacks what it needs.
@@ -162,12 +128,10 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     if request.rivals is not None:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
-    chunks = drawn(cell, MOST_PROBED, request.levels, request.seed + 1)
-    first = next(chunks)
-    angles = readings(cell, _angles(cell, request, first[:PROBE]))
-    model = build(cell, angles).model
-    probe = probe_of(cell, constraints, request.levels, chain([first], chunks))
-    regressor, left_out = _regressor(cell, request, model, angles, probe)
+    pool = candidates_of(cell, constraints, request.levels, request.candidates, request.seed)
+    _check_levels(cell, request, pool)
+    probe = pool.take(slice(_PROBE))
+    regressor, left_out = _regressor(cell, request, probe)
     targets, at = _targets(regressor, request)
     question = Question(
         regressor.model,
@@ -179,17 +143,34 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         rival_rows(regressor.model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
-    if criterion.whole:
-        check_count(regressor, request, poses_at(probe.q))
     return Problem(
-        cell, request, regressor, constraints, criterion, targets, at, left_out, unplanned
+        cell, request, regressor, constraints, pool, criterion, targets, at, left_out, unplanned
     )
 
 
+def _check_levels(cell: Cell, request: Request, pool: Pool) -> None:
+    """Refuse a level that is given and has no candidate."""
+    levels = request.levels
+    given = levels is not None and levels.chosen
+    count = len(levels.values) if levels is not None else 1
+    missing = np.setdiff1d(np.arange(count), pool.level)
+    if len(missing) == count or (given and len(missing)):
+        where = at_level(cell, levels, int(missing[0])) if given and count > 1 else ""
+        if isinstance(request.candidates, Poses) and given:
+            raise CalibError(f"the table of candidates has no row{where} to measure; add some")
+        raise pool.too_few(where)
+
+
 def _regressor(
-    cell: Cell, request: Request, model: Model, angles: Poses, probe: Pool
+    cell: Cell, request: Request, probe: Pool
 ) -> tuple[Regressor, tuple[Unidentifiable, ...]]:
     """The model without what no plan could show, in the coordinates of the criteria, and that."""
+    # Angle-dependent effects take their knots from the levels, else from the whole range.
+    ends = rounded(cell, cell.robot.sample_limits().T)
+    if request.levels is not None:
+        ends[:, request.levels.joint] = request.levels.values[[0, -1]]
+    angles = readings(cell, poses_at(np.concatenate([probe.q, cell.robot.tied(ends)])))
+    model = build(cell, angles).model
     try:
         refuse_idle_effects(cell, model, readings(cell, poses_at(probe.q)))
     except CalibError as error:
@@ -217,14 +198,3 @@ def _targets(regressor: Regressor, request: Request) -> tuple[Poses, TargetError
     model, values = regressor.model, regressor.values
     at = TargetErrors.of(model, values, targets, weights, request.at_markers)
     return targets, at.per(regressor.T)
-
-
-def _angles(cell: Cell, request: Request, probe: Array) -> Poses:
-    """Poses from which angle-dependent effects take their knots: the levels, else the whole range.
-
-    probe : ndarray, shape (m, dof), some of the candidates
-    """
-    ends = rounded(cell, cell.robot.sample_limits().T)
-    if request.levels is not None:
-        ends[:, request.levels.joint] = request.levels.values[[0, -1]]
-    return poses_at(np.concatenate([probe, cell.robot.tied(ends)]))

@@ -38,8 +38,8 @@ class Request:
     criterion : str, a key of ``doe.criteria.catalogue()``
     of : effects or parameters that matter; rivals : two effects to tell apart, or None
     fixed : Poses measured in any case, or None
-    reapproaches : how many of the poses are visited again; asked : whether somebody
-        said so, else these are as many poses fewer than were asked for
+    reapproaches : how many of the poses are visited again; asked : whether somebody said so, else these
+        are as many poses fewer than were asked for
     at_markers : whether errors at the targets count at the markers, else at the tip's origin; None:
         where the markers are unknowns of the model
     polish : whether the angles of drawn candidates are moved a little after the choice
@@ -59,6 +59,11 @@ class Request:
     polish: bool = True
     curve: bool = False
     seed: int = 0
+
+    @property
+    def extends(self) -> int:
+        """Number of poses that are measured in any case."""
+        return 0 if self.fixed is None else len(self.fixed)
 
 
 def request_of(
@@ -81,8 +86,7 @@ def request_of(
     again = cell.design.reapproaches
     if again is not None and again < 0:
         raise CalibError(f"{again} poses cannot be visited again; ask for 1 or more, or 0")
-    asked = parse_levels(cell, levels) if isinstance(levels, str) else levels
-    at = levels_of(cell, asked, poses)
+    at = levels_of(cell, parse_levels(cell, levels) if isinstance(levels, str) else levels, poses)
     request = Request(
         poses=_count(cell, poses, None if at is None else at.poses),
         criterion=_criterion(criterion, discriminate, tuple(of)),
@@ -93,13 +97,14 @@ def request_of(
         repeats=cell.design.repeats,
         candidates=source,
         reapproaches=again or 0,
+        asked=again is not None,
         curve=curve,
         seed=seed,
     )
-    usual = _usual_reapproaches(cell, request) if again is None else 0
-    if not usual:
-        return request
-    return replace(request, poses=request.poses - usual, reapproaches=usual, asked=False)
+    usual = _usual_reapproaches(cell, request)
+    if request.asked or not usual:
+        return replace(request, asked=True)
+    return replace(request, poses=request.poses - usual, reapproaches=usual)
 
 
 def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
@@ -148,14 +153,14 @@ def _usual_reapproaches(cell: Cell, request: Request) -> int:
     by 5 to 10 % (three arms).
     """
     fixed, source = request.fixed, request.candidates
-    settled = isinstance(source, Poses) and len(source) <= request.poses
-    known = cell.repeatability is not None or (
-        fixed is not None and len(np.unique(visits(fixed))) > len(np.unique(fixed.configuration))
+    against = (
+        request.poses < _LEAST_POSES,
+        isinstance(source, Poses) and len(source) <= request.poses,
+        cell.repeatability is not None,
+        fixed is not None and len(np.unique(visits(fixed))) > len(np.unique(fixed.configuration)),
+        request.levels is not None or request.rivals is not None or request.repeats,
     )
-    placed = request.levels is not None or request.rivals is not None or request.repeats
-    if settled or known or placed or request.poses < _LEAST_POSES:
-        return 0
-    return max(_FEWEST, round(request.poses / _ONE_IN))
+    return 0 if any(against) else max(_FEWEST, round(request.poses / _ONE_IN))
 
 
 def refuse_unplaced(cell: Cell) -> None:

@@ -7,9 +7,10 @@ is escaped; a number needs a rule of rounding.
 
 from __future__ import annotations
 
+import io
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -21,13 +22,12 @@ from markupsafe import Markup, escape
 if TYPE_CHECKING:
     from jinja2.runtime import Context
     from matplotlib.figure import Figure
+    from rich.console import Console
 
     from studies.results.base import NotAsked, Result
 
 Draw: TypeAlias = Callable[["Figure", str, str], str]
 """Figure, name, caption -> what stands in their place."""
-Variables: TypeAlias = Mapping[str, Mapping[tuple[str, bool], float]]
-"""Label with unit -> (pose, whether held out) -> value."""
 _SPECIAL = re.compile(r"([\\`*_\[\]<>&|~#$!])")
 _MOST_DIGITS = 12
 _PLACES = 3  # of an effect, that are named one by one
@@ -182,21 +182,14 @@ def environment() -> Environment:
     return made
 
 
-def markdown(
-    result: Result,
-    *,
-    page: bool = False,
-    draw: Draw | None = None,
-    variables: Variables | None = None,
-) -> str:
+def markdown(result: Result, *, page: bool = False, draw: Draw | None = None) -> str:
     """A result as Markdown.
 
     page : whether everything is said, also what is folded there
     draw : figure, name, caption -> what stands in their place; None draws nothing
-    variables : what errors may depend on, of the inputs of the result, where they are at hand
     """
     template = environment().get_template(f"{result.kind}.md.j2")
-    text = template.render(r=result, page=page, draw=draw, variables=variables)
+    text = template.render(r=result, page=page, draw=draw)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
@@ -225,11 +218,19 @@ def figures(result: Result, folder: Path) -> dict[Path, str | bytes]:
 
 # -- targets -----------------------------------------------------------------------------------
 
-_WIDTH = 100  # of lines in files and pipes
+_WIDTH = 100  # of lines in files, pipes and interpreters
 
 
 def print_markdown(text: str, *, stderr: bool = False) -> None:
     """Print Markdown on standard output, or on standard error where that carries the JSON."""
+    from rich.console import Console
+
+    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    console.file.write(terminal(text, console))
+
+
+def terminal(text: str, console: Console | None = None) -> str:
+    """Markdown as a terminal shows it; without one as plain text."""
     from rich.console import Console, ConsoleOptions
     from rich.markdown import Markdown, TableElement
 
@@ -245,25 +246,18 @@ def print_markdown(text: str, *, stderr: bool = False) -> None:
     class Document(Markdown):
         elements = {**Markdown.elements, "table_open": Folding}  # noqa: RUF012
 
-    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    console = console or Console(file=io.StringIO(), highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console.width = _WIDTH
     with console.capture() as held:
         console.print(Document(text, hyperlinks=False))
     lines = "\n".join(line.rstrip() for line in held.get().strip().splitlines())
-    console.file.write(re.sub(r"\n{3,}", "\n\n", lines) + "\n")
+    return re.sub(r"\n{3,}", "\n\n", lines) + "\n"
 
 
 def page_template() -> Template:
-    """The frame of a page, with its style."""
-    folder = Path(__file__).parent / "templates"
-    made = Environment(
-        loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True
-    )  # fmt: skip
-    made.filters["short"] = short
-    made.globals["style"] = Markup((folder / "page.css").read_text("utf-8"))  # noqa: S704
-    return made.get_template("page.html.j2")
+    """The frame of a page."""
+    return environment().overlay(finalize=None).get_template("page.html.j2")
 
 
 def html(text: str) -> Markup:

@@ -34,6 +34,7 @@ INSTEAD: dict[str, str] = {
     **dict.fromkeys(
         ("--mjcf", "--dh", "--dh-convention", "--kinematics"), "write the robot as URDF by `--urdf`"
     ),
+    "--counts-per-deg": "multiply the offsets of `--zero-offsets` by the encoder's counts per degree",
     "--differences": "leave it out: free and loaded readings identify compliances beside geometry",
     "iso9283": "give `posecal identify` a --holdout: it states the error at poses of their own",
 }

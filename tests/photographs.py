@@ -16,7 +16,7 @@ CENTER = ((SIZE[0] - 1) / 2.0, (SIZE[1] - 1) / 2.0)  # pixels have their centres
 DOTS = 3000.0  # of a print, a metre
 MARGIN = 90  # dots of white around it
 SIDE = int(0.03 * DOTS)  # of a square
-CHARUCO = 'squares = [9, 6]\npitch_mm = 30\nmarker_mm = 22\ndictionary = "5x5_100"'
+CHARUCO = "squares = [9, 6]\npitch_mm = 30\nmarker_mm = 22"
 
 
 def charuco() -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -12,7 +12,6 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 import numpy as np
 
 from calib.arm.mimic import Coupling, Mimic, Ties, reachable, ties_of
-from calib.arm.se3 import transformed
 from calib.arrays import Array, IntArray, Mask
 from calib.sobol import Sobol
 
@@ -329,19 +328,6 @@ class Robot:
                 break
             drawn *= 2
         return q[inside][:count] if self.couplings and inside.sum() >= count else q[:count]
-
-
-def weights_of(n: int, hung: Iterable[tuple[Place, float, Array]]) -> tuple[Array, Array]:
-    """Masses (n,), kg, and centres of mass (n, 3), m, of all that each of n joints carries.
-
-    hung : place, mass [kg] and centre of mass (3,), m, of links
-    """
-    masses, moments = np.zeros(n), np.zeros((n, 3))
-    for (k, T), mass, com in hung:
-        if k > 0:
-            masses[k - 1] += mass
-            moments[k - 1] += mass * transformed(T, com)
-    return masses, moments / np.where(masses == 0, 1.0, masses)[:, None]
 
 
 def odd_limits(robot: Robot) -> Iterator[str]:

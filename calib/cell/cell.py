@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
@@ -12,21 +13,11 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
-from calib.cell.planned import Load, Pace, Planned
+from calib.cell.odd import odd_markers, odd_noise
+from calib.cell.planned import Load, Pace, Planned, Repeatability
 from calib.errors import CalibError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
-
-
-@dataclass(frozen=True)
-class Repeatability:
-    """How the arm scatters from one approach of a pose to the next: one standard deviation of one
-    coordinate of the tip [m], and of one component of its rotation [rad].
-    """
-
-    translation: float
-    rotation: float
-
 
 SizePrior: TypeAlias = Literal["estimated", "off"] | Mapping[str, float]
 """Of the sizes of errors: found from the data, not counted, or widths by ``kind_unit``."""
@@ -108,14 +99,13 @@ class Cell:
             named m1, m2 ..
         instrument : what reads them; several in a sequence, each with a ``name`` of its own
 
-        Raises CalibError for a marker that is no point and for a name that is no field.
+        Raises CalibError for what is no robot, no marker, no instrument, or no field. Warns of markers
+        and noise that look like millimetres.
         """
-        if not isinstance(markers, Mapping):
-            markers = {f"m{j + 1}": point for j, point in enumerate(markers)}
-        points = list(markers.values())
-        if any(np.shape(point) != (3,) for point in points):
-            raise CalibError("a marker is three coordinates in metres, in the tip frame")
-        count = len(points)
+        points = _points(robot, markers)
+        instruments = (instrument,) if isinstance(instrument, Instrument) else tuple(instrument)
+        if wrong := [own for own in instruments if not isinstance(own, Instrument)]:
+            raise CalibError(f"instrument: {wrong[0]!r} is none; make one, as Tracker(sigma=1e-5)")
         given: dict[str, Any] = {
             own.name: own.default_factory() if own.default_factory is not MISSING else own.default
             for own in fields(self)
@@ -124,17 +114,22 @@ class Cell:
             raise CalibError(f"a cell has no {unknown[0]!r}; it has {', '.join(given)}")
         given |= {
             "robot": robot,
-            "markers": np.array(points, dtype=float).reshape(-1, 3),
-            "marker_names": tuple(markers),
-            "instruments": (instrument,) if isinstance(instrument, Instrument) else (*instrument,),
+            "markers": np.array([*points.values()], dtype=float).reshape(-1, 3),
+            "marker_names": tuple(points),
+            "instruments": instruments,
             "effects": (effects,) if isinstance(effects, str) else tuple(effects),
             "name": robot.name,
-            "marker_normals": np.full((count, 3), np.nan),
-            "marker_acceptance": np.full(count, np.nan),
+            "marker_normals": np.full((len(points), 3), np.nan),
+            "marker_acceptance": np.full(len(points), np.nan),
             "shapes": robot.shapes,
         }
         for name, value in (given | more).items():
             object.__setattr__(self, name, value)
+        if "path" not in more:  # of a file it is said beside its data
+            noises = (odd_noise(own, finest=0.0) for own in self.instruments)  # exact in a test
+            for text in (odd_markers(self.markers), *noises):
+                if text:
+                    warnings.warn(text, stacklevel=2)
 
     def __repr__(self) -> str:
         read = ", ".join(f"{own.name} ({own.kind})" for own in self.instruments)
@@ -247,3 +242,15 @@ class Cell:
         """Whether the arm is known to come to a pose otherwise each time."""
         arm = self.repeatability
         return arm is not None and bool(arm.translation or arm.rotation)
+
+
+def _points(robot: Robot, markers: Array | Mapping[str, Sequence[float]]) -> dict[str, Array]:
+    """Markers by name. Raises CalibError for what is no robot, and for what is no finite point."""
+    if not isinstance(robot, Robot):
+        raise CalibError(f"robot: {robot!r} is none; read one, as Robot.from_urdf('arm.urdf')")
+    if not isinstance(markers, Mapping):
+        markers = {f"m{j + 1}": point for j, point in enumerate(np.atleast_1d(markers))}
+    points = {name: np.asarray(point, dtype=float) for name, point in markers.items()}
+    if any(own.shape != (3,) or not np.isfinite(own).all() for own in points.values()):
+        raise CalibError("markers: each is three finite coordinates in metres, in the tip frame")
+    return points

@@ -1,4 +1,4 @@
-"""What a cell says of the plans to be made: the [design], [timing] and [load] tables, in SI."""
+"""Parts of a cell whose tables are these very objects: [design], [timing], [load]."""
 
 from __future__ import annotations
 
@@ -36,6 +36,16 @@ from calib.keys import (
     times,
 )
 from calib.poses import Poses
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """How the arm scatters from one approach of a pose to the next: one standard deviation of one
+    coordinate of the tip [m], and of one component of its rotation [rad].
+    """
+
+    translation: float
+    rotation: float
 
 
 @dataclass(frozen=True)

@@ -104,22 +104,28 @@ class Products:
         inside = self.decorrelation(self.columns.inside).reshape(-1, len(self.columns))
         return np.concatenate([inside, self.columns.outside / np.sqrt(self.theta[0])])
 
-    @cached_property
-    def draws(self) -> tuple[Array, IntArray]:
-        """Products ``u^T V^-1 x`` of unit draws u with all columns, (d, f), effect by effect.
-
-        Besides, where each effect begins, and the end, (v + 1,).
-        """
-        turned, own, width = self.columns.turned, self.decorrelation, len(self.columns)
-        weighted = own.back(own(self.columns.inside))
-        of_own = np.swapaxes(own.own, -1, -2) @ weighted
-        of_shared = turned.sums(np.swapaxes(own.shared, -1, -2) @ weighted)
-        parts = []
+    def draws(self, own: IntArray) -> Array:
+        """Products ``u^T V^-1 x`` of unit draws u with columns (k,), (d, k), effect by effect."""
+        turned, root, width = self.columns.turned, self.decorrelation, len(own)
+        weighted = root.back(root(self.columns.inside[..., own]))
+        of_own = np.swapaxes(root.own, -1, -2) @ weighted
+        of_shared = turned.sums(np.swapaxes(root.shared, -1, -2) @ weighted)
+        parts = [np.zeros((0, width))]
         for effect in range(len(self.theta) - 1):
             mine = of_own[:, turned.own_of == effect].reshape(-1, width)
-            parts.append(np.concatenate([mine, of_shared[turned.shared_of == effect]]))
-        ends = np.cumsum([0, *(len(part) for part in parts)])
-        return np.concatenate([np.zeros((0, width)), *parts]), ends
+            parts += [mine, of_shared[turned.shared_of == effect]]
+        return np.concatenate(parts)
+
+    @cached_property
+    def ends(self) -> IntArray:
+        """Where the draws of each effect begin, and the end, (v + 1,)."""
+        turned, effects = self.columns.turned, range(len(self.theta) - 1)
+        cells = len(turned.instrument)
+        counts = [
+            cells * np.count_nonzero(turned.own_of == e) + np.count_nonzero(turned.shared_of == e)
+            for e in effects
+        ]
+        return np.cumsum([0, *counts])
 
     def of(self, own: IntArray) -> Array:
         """Products of some columns with all, shape (k, f)."""

@@ -98,11 +98,9 @@ class Conditional:
         return cls(products, E, z, held, inverse, own, E[:0, :0])
 
     @cached_property
-    def draws(self) -> tuple[Array, Array]:
-        """Unit draws along the set, (d, a), and their products ``u^T M x`` with all columns, (d, f)."""
-        draws, _ = self.products.draws
-        along = draws[:, self.own] @ self.inverse.T
-        return along, draws - along @ self.E
+    def along_draws(self) -> Array:
+        """Products of unit draws with the set, (d, a), in its orthonormal directions."""
+        return np.asarray(self.products.draws(self.own) @ self.inverse.T)
 
     @property
     def response(self) -> int:
@@ -131,10 +129,11 @@ class Conditional:
 
     def _draws(self, own: IntArray) -> Array:
         """Products (d, k) of unit draws with columns (k,) beside what is left of the set."""
-        along, H = (self.whole or self).draws
+        along, E = (self.whole or self).along_draws, self.E[:, own]
+        H = self.products.draws(own) - along @ E
         if not self.gone.size:
-            return H[:, own]
-        return np.asarray(H[:, own] + (along @ self.gone.T) @ (self.gone @ self.E[:, own]))
+            return H
+        return np.asarray(H + (along @ self.gone.T) @ (self.gone @ E))
 
     def crossed(self, own: IntArray) -> Array:
         """Products (k, f) of columns (k,) with all, beside the set."""
@@ -171,9 +170,8 @@ class Conditional:
         held = np.moveaxis((self.held @ flat).reshape(-1, *own.shape), 0, 1)
         total = change(S - np.swapaxes(E, 1, 2) @ held, self.z[own] - along @ held)
         H, r = self._draws(own.ravel()), self._draws(np.array([self.response]))[:, 0]
-        _, ends = self.products.draws
         found = [total]
-        for a, b in pairwise(ends):
+        for a, b in pairwise(self.products.ends):
             h = np.moveaxis(H[a:b].reshape(-1, *own.shape), 0, 1)
             found.append(change(np.swapaxes(h, 1, 2) @ h, r[a:b] @ h))
         found[0] = total - sum(

@@ -28,7 +28,7 @@ from calib.diagnosis.functions import (
     pose_variables,
 )
 from calib.effects.context import Context, motion_of
-from calib.effects.drive import along_axis, error_unit
+from calib.effects.joint import along_axis, error_unit
 from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
 from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
 from calib.errors import EffectCannotAct
@@ -165,7 +165,7 @@ def curves(context: Context, poses: Poses, ranges: Array) -> Iterator[Curve]:
         across = _across(axis)
         if across is not None:
             loads = [Torque("load", statics, k + 1, column) for column in across.T]
-            yield from _twists(joint, k + 1, across, [*angles, *loads], poses, _KNOTS_EACH)
+            yield from _twists(joint, k + 1, across, [angles[k], *loads], poses, _KNOTS_EACH)
     rigid = np.eye(6)
     overturning = [Torque("load", statics, 0, rigid[:, c]) for c in (3, 4)]
     yield from _twists("base", 0, rigid, [*common, *overturning], poses, _KNOTS_EACH)

@@ -20,7 +20,7 @@ from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.functions import polyline, pose_variables
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.stage import determined_by
-from calib.effects.drive import along_axis
+from calib.effects.joint import along_axis
 from calib.effects.protocol import Parameter, PoseEffect, State, TwistEffect, displaced
 from calib.effects.tuned import SteadyTwist
 from calib.identification.scan import times

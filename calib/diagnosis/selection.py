@@ -13,7 +13,7 @@ amplitudes found anew. So no set of members comes twice.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
@@ -31,8 +31,9 @@ from calib.effects.tuned import Tuned
 
 _LEAD = 3.0  # gain by which a rival must lead to take a place
 _NEAR, _JUDGED = 50.0, 6  # rivals of a member: by how much they may trail before variances answer
-_LEADING = {True: 4, False: 2}  # causes by name, and curves, that are judged at the end
-_MUCH = 100.0  # gain of a newcomer before which nothing else is asked
+_ASKED = {True: 40, False: 8}  # causes by name, and curves, of which variances are asked as well
+_LEADING = {True: 4, False: 2}  # those that are judged at the end
+_MUCH = 100.0  # gain of a newcomer before which nothing else is asked, and of a member that stays
 _AT_MOST = 4.0  # times what a Newton step of the variances promises, by which they can answer
 _CURVES_TOO = 5.0  # times the best name's gain: a curve with less waits until no name pays
 _APART = 0.7  # of its gain that a further newcomer keeps beside the first
@@ -118,6 +119,8 @@ def _removed(state: SelectionState) -> frozenset[str]:
     for member in state.members:
         beside, _ = state.without(member)
         (alone, _), *_ = state.scores(beside, [member.own])
+        if alone > _MUCH:
+            continue  # no Newton step tells what variances make of so large a change
         gone = state.slope_without(member, beside)
         alone -= float(state.curvature.promised(gone[None])[0])
         worths.append((alone, member))
@@ -151,8 +154,8 @@ def _newcomers(state: SelectionState) -> tuple[float, Members]:
 
     Besides, what the best of them gains.
     """
-    asked = state.eligible(state.members)
-    scores = state.answered(state.conditional, state.scores(state.conditional, asked))
+    asked = state.scores(state.conditional, state.eligible(state.members))
+    scores = state.answered(state.conditional, _first(asked, _ASKED))
     paying = [s for s in scores if s[0] > 0.0]
     named = [one for _, one in paying if one.candidate.named][:_AT_ONCE]
     most = max((gain for gain, one in paying if one.candidate.named), default=0.0)
@@ -171,16 +174,24 @@ def _newcomers(state: SelectionState) -> tuple[float, Members]:
 
 def _hidden(state: SelectionState) -> Members:
     """Those that lead where little counts as scatter, and may pay: scatter grows by what is missing."""
-    asked, beside = state.eligible(state.members), state.conditional
-    scores = {one.key: gain for gain, one in state.scores(beside, asked)}
+    eligible = state.eligible(state.members)
     alone = state.problem.variances.low.copy()
     alone[0] = max(1.0, state.theta[0])
     bare = Conditional.of(state.problem.rows.at(alone), [m.block for m in state.members])
-    answered = state.answered(beside, state.scores(beside, asked))
-    most = {one.key: scores[one.key] + _AT_MOST * (g - scores[one.key]) for g, one in answered}
-    found: dict[str, SelectedEffect] = {}
-    for ordered in (answered, state.scores(bare, asked)):
-        for named, count in _LEADING.items():
-            leading = [one for _, one in ordered if one.candidate.named == named][:count]
-            found |= {one.key: one for one in leading if most[one.key] > 0.0}
-    return tuple(found.values())
+    scores = state.scores(state.conditional, eligible)
+    hidden = {one.key for _, one in _first(state.scores(bare, eligible), _LEADING)}
+    asked = {one.key for _, one in _first(scores, _ASKED)} | hidden
+    answered = state.answered(state.conditional, [s for s in scores if s[1].key in asked])
+    hidden |= {one.key for _, one in _first(answered, _LEADING)}
+    now = {one.key: gain for gain, one in scores}
+    return tuple(
+        one
+        for gain, one in answered
+        if one.key in hidden and now[one.key] + _AT_MOST * (gain - now[one.key]) > 0.0
+    )
+
+
+def _first(scores: Sequence[Scored], counts: Mapping[bool, int]) -> list[Scored]:
+    """The first so many by name, and the first so many curves."""
+    each = {named: [s for s in scores if s[1].candidate.named == named] for named in counts}
+    return [s for named, count in counts.items() for s in each[named][:count]]

@@ -21,7 +21,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.diagnosis.stage import Fit, Stage
-from calib.effects.drive import along_axis
+from calib.effects.joint import along_axis
 from calib.effects.protocol import Effect
 from calib.identification.noise import refuted
 from calib.inference.evidence import VISIBLE, f_tail, score_test, weighted_test

@@ -22,8 +22,8 @@ import numpy as np
 from calib.arrays import Array
 from calib.diagnosis.diagnose import Diagnosis
 from calib.diagnosis.stage import Fit, Stage
-from calib.effects.drive import along_axis
-from calib.effects.gear_ripple import FEWEST, GearRipple
+from calib.effects.joint import along_axis
+from calib.effects.ripple import FEWEST, GearRipple
 from calib.identification.scan import carried, falls, times
 from calib.linear import Complement, unit
 from calib.poses import Poses

@@ -26,7 +26,8 @@ from calib.scatter import Scatter, Variances, scatter_of
 from calib.solver import levenberg_marquardt
 
 _ABSURD = 1e9  # times a plausible size
-_MOST_ITERATIONS = 20  # a model that needs more does not describe the arm
+_ITERATIONS = 12, 100  # at least and at most
+_WORK = 1.5e7  # rows times values times iterations: of large tables as many as a few seconds allow
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +186,8 @@ class Stage:
             # Only once there is an amount do the readings tell of a tuning.
             values = levenberg_marquardt(observation.flat, values, span, 1).values
             span = _with_tunings(observation, values, span, free)
-        found = levenberg_marquardt(observation.flat, values, span, _MOST_ITERATIONS)
+        most = int(np.clip(_WORK / (self.data.readings.size * len(values)), *_ITERATIONS))
+        found = levenberg_marquardt(observation.flat, values, span, most)
         r, J = observation.linearise(found.values)
         small = np.abs(found.values) <= _ABSURD * model.sizes
         if not (small.all() and np.isfinite(r).all() and np.isfinite(J).all()):

@@ -8,71 +8,48 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from calib.effects.base import Base
-from calib.effects.board import BoardScale
-from calib.effects.compliance import (
+from calib.effects.camera import Distortion, Focal, PrincipalPoint
+from calib.effects.context import Context
+from calib.effects.elastic import (
     BaseCompliance,
     BearingCompliance,
     JointCompliance,
-    MeasuredTorque,
+    StiffnessVsAngle,
     ToolCompliance,
 )
-from calib.effects.context import Context
-from calib.effects.drift import BaseDrift, TrackerDrift
-from calib.effects.gear_ripple import GearRipple
-from calib.effects.geometry import Geometry, JointOffset, LinkGeometry
-from calib.effects.gravity_compensator import GravityCompensator
-from calib.effects.gravity_sag import GravitySag
-from calib.effects.instrument_scale import TrackerScale
-from calib.effects.last_move import Backlash, FrictionWindup, Settling
-from calib.effects.lens import Distortion, Focal, PrincipalPoint
-from calib.effects.link_growth import ThermalExpansion
-from calib.effects.mass import LinkWeight, PayloadError
+from calib.effects.geometry import Geometry, LinkGeometry
+from calib.effects.joint import (
+    Backlash,
+    JointCoupling,
+    JointOffset,
+    MeasuredTorque,
+    Settling,
+    TransmissionHarmonic,
+    TransmissionScale,
+)
+from calib.effects.loads import (
+    FrictionWindup,
+    GravityCompensator,
+    GravitySag,
+    LinkWeight,
+    PayloadError,
+)
 from calib.effects.protocol import Effect, Parameter, State
-from calib.effects.step import Step
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
-from calib.effects.tool import Tool
-from calib.effects.transmission import JointCoupling, TransmissionHarmonic, TransmissionScale
-from calib.effects.warm_up import WarmUp
+from calib.effects.readings import BoardScale, TrackerScale
+from calib.effects.ripple import GearRipple
+from calib.effects.thermal import ThermalExpansion
+from calib.effects.timed import BaseDrift, Step, TrackerDrift, WarmUp
+from calib.effects.tool_base import Base, Tool
 from calib.plugins import with_announced
 
-EFFECTS: dict[str, type[Effect]] = {
-    effect.kind: effect
-    for effect in (
-        Base,
-        Tool,
-        Geometry,
-        JointOffset,
-        LinkGeometry,
-        JointCompliance,
-        StiffnessVsAngle,
-        GravityCompensator,
-        GravitySag,
-        LinkWeight,
-        PayloadError,
-        TransmissionHarmonic,
-        TransmissionScale,
-        JointCoupling,
-        Backlash,
-        BearingCompliance,
-        BaseCompliance,
-        BaseDrift,
-        ThermalExpansion,
-        ToolCompliance,
-        TrackerScale,
-        TrackerDrift,
-        GearRipple,
-        WarmUp,
-        Step,
-        Settling,
-        FrictionWindup,
-        MeasuredTorque,
-        Focal,
-        PrincipalPoint,
-        Distortion,
-        BoardScale,
-    )
-}
+_KINDS: tuple[type[Effect], ...] = (
+    *(Base, Tool, Geometry, JointOffset, LinkGeometry, JointCompliance, StiffnessVsAngle),
+    *(GravityCompensator, GravitySag, LinkWeight, PayloadError, TransmissionHarmonic),
+    *(TransmissionScale, JointCoupling, Backlash, BearingCompliance, BaseCompliance, BaseDrift),
+    *(ThermalExpansion, ToolCompliance, TrackerScale, TrackerDrift, GearRipple, WarmUp, Step),
+    *(Settling, FrictionWindup, MeasuredTorque, Focal, PrincipalPoint, Distortion, BoardScale),
+)
+EFFECTS: dict[str, type[Effect]] = {effect.kind: effect for effect in _KINDS}
 """Every cause by the name that a cell gives it, in the order in which they are shown."""
 
 ENDS = ("base", "tool")

@@ -1,4 +1,11 @@
-"""What an effect is told about the robot and the cell when it is placed."""
+"""What an effect knows of the robot and the cell when it is placed, and how large its errors may be.
+
+What is known before anything is measured is a prior, never a wall: it weighs causes against each other
+and says which size is far out. A drive is chosen for what it carries, so that it turns by about a
+milliradian under the weight of the arm. Strain-wave gears of small arms yield by 15 to 210 urad/(N m)
+(Harmonic Drive, CSF catalogue, K1 of sizes 32 to 14), cycloidal gears of large ones by 0.3 to 6
+(Nabtesco, RV-E catalogue, RV-320E to RV-20E).
+"""
 
 from __future__ import annotations
 
@@ -18,15 +25,22 @@ from calib.instruments.protocol import MOTION, SCALE
 
 ARM = "arm"
 """The place that stands for all links, or all joints, at once."""
+_TURNS = 1e-3  # rad, of a joint under the weight of its arm
+_LEVER = 0.25  # of the reach, at which the arm's weight pulls, on average over joints and poses
+_DENSITY, _POWER = 50.0, 2.5  # kg of an arm with a reach of one metre, and how that grows
+_HEAVY = 100.0  # kg: of 2.7 m, a KR 270 has 1100 kg; of 1.3 m, a UR10 has 29
+_INDUSTRIAL = 30.0  # kg for each metre of reach: above, gears have a stated lost motion
+_SOFT = 1e-5  # rad/(N m), of the arm for which the limits of compliances stand
+_G = 9.80665
 
 
 class Expectation(NamedTuple):
     """What is known of a cause at a place before anything is measured.
 
     odds : how often it is met there, beside a cause that any arm may have
-    twin_odds : how often it is the cause where the readings do not tell it from another
+    twin_odds : how often it is the cause where the readings do not separate it from another
     allowance : by how many times the usual limits such errors may be larger on this arm
-    instead : why it is not asked at all, empty where it is
+    instead : why it is no candidate at all, empty where it is
     """
 
     odds: float = 1.0
@@ -45,16 +59,10 @@ class MovablePart(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What an effect may ask for when it is placed.
+    """Robot and cell, as far as effects may ask.
 
-    robot : Robot
-    markers : ndarray, shape (M, 3), m, first guesses in the tip frame
-    marker_names, stations : tuple of str
-    knots : dict, joint name -> ndarray, rad, where ``stiffness_vs_angle`` has coefficients
-    anchors : dict, joint name -> ndarray, shape (2, 3), m: spring anchors of a gravity
-        compensator, on the link before the joint and on the link after it
-    gravity : ndarray, shape (3,), m/s^2, base axes
-    payload : Payload, as given
+    stations : tuple of str, places of the tracker; knots : dict, joint -> angles of stiffness_vs_angle
+    anchors : dict, joint -> ndarray, shape (2, 3), m, of a spring before and after it
     measured_load : whether the poses bring a load of their own: a wrench, or a plan's [load]
     lacking : frozenset of str, covariates that the poses in hand do not have
     clock_unit : str, of the session's clock, "s" or "reading"
@@ -62,6 +70,7 @@ class Context:
     instruments : tuple of Instrument
     bodies : dict, name -> slice, the markers that are points of it
     seats : dict, link -> slice, three that stand for one on which an instrument rides
+    parameters : names of those that a result has of the effect to be placed, None without a result
     """
 
     robot: Robot
@@ -79,17 +88,18 @@ class Context:
     instruments: tuple[Instrument, ...] = (TRACKER,)
     bodies: Mapping[str, slice] = field(default_factory=dict)
     seats: Mapping[str, slice] = field(default_factory=dict)
+    parameters: tuple[str, ...] | None = None
 
     @property
     def parts(self) -> Mapping[str, MovablePart]:
         """What may come loose of the instruments and of what they look at, by place."""
-        found: dict[str, MovablePart] = {}
+        parts: dict[str, MovablePart] = {}
         for instrument in self.instruments:
-            found |= {w: MovablePart(s.stop - s.start, None) for w, s in instrument.parts.items()}
+            parts |= {w: MovablePart(s.stop - s.start, None) for w, s in instrument.parts.items()}
             for board in instrument.boards if isinstance(instrument, Camera) else ():
-                own = MovablePart(SCALE.stop, self.bodies.get(board.name), board)
-                found[f"board:{board.name}"] = own
-        return found
+                part = MovablePart(SCALE.stop, self.bodies.get(board.name), board)
+                parts[f"board:{board.name}"] = part
+        return parts
 
     def reads(self, kind: str) -> bool:
         """Whether there is an instrument of a kind."""
@@ -97,13 +107,11 @@ class Context:
 
     @property
     def single_markers(self) -> tuple[str, ...]:
-        """Names of the markers that are markers of their own."""
-        part = {
-            i
-            for own in (*self.bodies.values(), *self.seats.values())
-            for i in range(own.start, own.stop)
-        }
-        return tuple(name for i, name in enumerate(self.marker_names) if i not in part)
+        """Names of the markers that are part of no body."""
+        parts = np.zeros(len(self.marker_names), dtype=bool)
+        for members in (*self.bodies.values(), *self.seats.values()):
+            parts[members] = True
+        return tuple(n for n, part in zip(self.marker_names, parts, strict=True) if not part)
 
 
 def motion_of(part: MovablePart) -> slice:
@@ -126,3 +134,30 @@ def needs(context_has: bool, effect: str, reason: str, remedy: str) -> None:
     """Refuse an effect that lacks what it needs, with EffectCannotAct."""
     if not context_has:
         raise EffectCannotAct(effect, reason, remedy)
+
+
+def weight(context: Context) -> float:
+    """Mass of the moving arm, kg: as its file has it, else that of an industrial arm of its reach."""
+    known = float(context.robot.masses.sum())
+    return known or _DENSITY * context.robot.reach**_POWER
+
+
+def softness(context: Context) -> float:
+    """By how much a joint usually yields, rad/(N m)."""
+    carried = weight(context) * _LEVER + context.payload.mass
+    return _TURNS / (carried * _G * context.robot.reach)
+
+
+def softer(context: Context) -> float:
+    """How many times softer than an arm of 10 kg and a metre's reach it may be; one at least."""
+    return max(1.0, softness(context) / _SOFT)
+
+
+def heavy(context: Context) -> bool:
+    """Whether makers build springs and large gears into an arm of this weight."""
+    return weight(context) >= _HEAVY
+
+
+def light(context: Context) -> bool:
+    """Whether it may be a service robot: its known weight is small, or nothing is known of it."""
+    return float(context.robot.masses.sum()) < _INDUSTRIAL * context.robot.reach

@@ -1,14 +1,12 @@
-"""Constant errors of the arm: all six of every segment, those of one link, and the zero of a joint."""
+"""Constant errors of the arm: all six of every segment, and those of one link."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.drive import AlongJoint, error_unit
-from calib.effects.protocol import Constant, ConstantTwist, Parameter
+from calib.effects.protocol import ConstantTwist
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +25,7 @@ class Geometry(ConstantTwist):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        robot = context.robot
-        return cls(where, (*robot.joints, *robot.tips).index(where) + 1)
+        return cls(where, cls.places(context).index(where) + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +34,3 @@ class LinkGeometry(Geometry):
 
     kind: ClassVar[str] = "link_geometry"
     parts: ClassVar[tuple[str, ...]] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class JointOffset(AlongJoint, Constant):
-    """Zero error of a joint: ``q_true = q_read + offset``."""
-
-    kind: ClassVar[str] = "joint_offset"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        unit = error_unit(self.slides)
-        return (Parameter(self.kind, self.where, "offset", unit, 1e-6, 1e-3),)
-
-    @property
-    def columns(self) -> Array:
-        return self.axis[:, None]

@@ -1,24 +1,20 @@
-"""What an effect is: anything that moves a marker, linear in its parameters where it acts.
+"""An effect is anything that moves a marker. It is linear in its parameters where it acts.
 
-An effect acts in one of seven ways on the paper's product ``T_base T_robot T_tool`` (equation 6):
+An effect acts on the paper's product ``T_base T_robot T_tool`` (equation 6) in one of these ways:
 
-- :class:`TwistEffect`: displaces frames of the arm by ``xi = basis @ parameters``. A
-  :class:`Constant` one does so alike at every pose, a :class:`PoseEffect` by what is known of the pose
-  before the arm bends: angles as read, approach, time, temperature (a :class:`FrameEffect` one frame);
-- :class:`ElasticEffect`: a twist whose basis is a flexibility times the wrench that the frame
-  transmits, ``xi = K(parameters) w`` (equation 2 with the terms of k_theta it stands for);
-- :class:`LoadEffect`: adds to the wrench that frames transmit, and so moves what is elastic: a
-  :class:`SpringEffect` beside a joint, or a :class:`WeightEffect` by what hangs on the arm;
-- :class:`~calib.effects.readings.MarkerEffect`: displaces one marker in the tip frame;
-- :class:`~calib.effects.base.Base` and :class:`~calib.effects.tool.Tool`: the outer factors;
-- :class:`~calib.effects.readings.ReadingEffect`: the instrument reads a point elsewhere than it is, a
-  ``RigidReading`` all points of a pose as one body;
-- :class:`~calib.effects.readings.PartEffect`: an instrument, or what it looks at, stands elsewhere or
-  is larger than it was.
+- :class:`TwistEffect` displaces frames of the arm by ``xi = basis @ parameters``. A :class:`Constant`
+  does so alike at every pose. A :class:`PoseEffect` uses what is known of the pose before the arm
+  bends: angles as read, approach, time, temperature. A :class:`FrameEffect` displaces one frame.
+- :class:`ElasticEffect` is a twist by a flexibility times the wrench that the frame transmits,
+  ``xi = K(parameters) w`` (equation 2 with the terms of k_theta that it stands for).
+- :class:`LoadEffect` adds to the wrench that frames transmit, and so moves what is elastic. A
+  :class:`SpringEffect` acts beside a joint, a :class:`WeightEffect` by what hangs on the arm.
+- The two kinds of :mod:`calib.effects.tool_base` are the outer factors.
+- The kinds of :mod:`calib.effects.readings` displace a marker, a reading, or a part of an instrument.
 
-From the basis follow, in :mod:`calib.model`, the exact displacement, its Jacobian and its score. An
-effect with one parameter that is not linear is a :class:`~calib.effects.tuned.Tuned`.
-A new cause of error is one file with one such class and one entry in ``calib.effects.EFFECTS``.
+:mod:`calib.model` derives the exact displacement, its Jacobian and its score from the basis. An effect
+with one parameter that is not linear is a :class:`~calib.effects.tuned.Tuned`. A new cause of error is
+one such class and one entry in ``calib.effects.EFFECTS``.
 """
 
 from __future__ import annotations
@@ -36,6 +32,11 @@ from calib.arrays import Array
 from calib.effects.context import ARM, Context, Expectation
 from calib.poses import Poses
 
+_SI = {
+    "nm": 1e-9, "um": 1e-6, "mm": 1e-3, "urad": 1e-6, "mrad": 1e-3, "ppm": 1e-6,
+    "min": 60.0, "h": 3600.0,
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -44,7 +45,7 @@ class Parameter:
     effect, where, name : str, as in the effect table of the file formats
     unit : str, in which people read it
     scale : float, SI per unit
-    size : float, SI, a plausible magnitude: scales columns
+    size : float, SI, a plausible magnitude that scales columns
     largest : float or None, SI, beyond which such an error is far out; ten plausible sizes where None
     """
 
@@ -72,6 +73,10 @@ class Parameter:
         return f"{self.effect}:{self.where}.{self.name}"
 
 
+Unknown: TypeAlias = tuple[str, str, float] | tuple[str, str, float, float]
+"""A parameter to be: name, unit, plausible size and, where it is not ten of these, largest one, SI."""
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """What bases may depend on, at the present displacement of the arm."""
@@ -85,28 +90,26 @@ class State:
 class Effect(ABC):
     """One cause at one place, ``where``.
 
-    uses : what it needs to know of each pose beyond joints and loads, by the names of ``Poses``;
-        where a pose does not say, the effect rests
-    turns : whether its places are joints that turn, not slide
+    unknowns : its parameters, where they are the same at every place
+    allowance : None, or for a candidate how many times the limits of its parameters stand for one
+        standard deviation a priori
+    uses : what it needs of each pose beyond joints and loads, by the names of ``Poses``; where a pose
+        does not have that, the effect does nothing
     parts : kinds of effects that it contains, at the same place
     flexible : whether at its place it can follow nearly any curve
     drawn : whether its error can be drawn as a curve over a few knots
-    decided_by : what would tell it from causes that look alike, beyond further poses; empty for nothing
-    lasting : whether its values are the robot's own, on one day as on another
-    allowance : None, or for a suspect how many times the limits of its parameters stand for one
-        standard deviation a priori
+    decided_by : what would separate it from causes that look alike, beyond further poses
     """
 
     where: str
     allowance: float | None = field(default=None, kw_only=True)
     kind: ClassVar[str]
+    unknowns: ClassVar[tuple[Unknown, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
-    turns: ClassVar[bool] = False
     parts: ClassVar[tuple[str, ...]] = ()
     flexible: ClassVar[bool] = False
     drawn: ClassVar[bool] = True
     decided_by: ClassVar[str] = ""
-    lasting: ClassVar[bool] = True
 
     @classmethod
     @abstractmethod
@@ -116,14 +119,12 @@ class Effect(ABC):
     @classmethod
     @abstractmethod
     def at(cls, context: Context, where: str) -> Effect:
-        """The effect at one of its places."""
+        """The effect at one of its places, with the parameters that ``context.parameters`` names."""
 
-    @classmethod
-    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Effect:
-        """The effect at a place with the parameters of these names, as a result lists them."""
-        effect = cls.at(context, where)
-        own = [p.name for p in effect.parameters]
-        return effect.only(tuple(own.index(name) for name in parameters if name in own))
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its unknowns, in the order of the basis columns."""
+        return tuple(self.parameter(*unknown) for unknown in self.unknowns)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -132,9 +133,9 @@ class Effect(ABC):
 
     @classmethod
     def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
-        """Kind of the cause that it is by another name, None where it is one of its own.
+        """The kind to which it is equivalent beside the active effects, None for a cause of its own.
 
-        active : effects of the model beside which it is asked; empty where it would move nothing
+        It is the empty string where the effect would move nothing.
         """
         return None
 
@@ -146,47 +147,30 @@ class Effect(ABC):
     def depends_on(self) -> str:
         """On what its displacement depends most, as named in the results."""
         if not self.uses:
-            return self.varies_with
+            return "none"
         first = self.uses[0]
         return f"{first}:{self.where}" if first in ("approach", "motion") else first
-
-    @property
-    def varies_with(self) -> str:
-        """The same of what needs no more than joints and loads."""
-        return "none"
 
     def driven_by(self, values: Array, poses: Poses) -> str:
         """The same at fitted values (p,), where they decide it."""
         return self.depends_on
 
     @property
-    @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Its unknowns, in the order of the basis columns."""
-
-    @property
     def initial(self) -> Array:
         """Values at which it does nothing and a search begins, shape (p,), SI."""
         return np.zeros(len(self.parameters))
-
-    @property
-    def believed(self) -> Array:
-        """Standard deviations, SI, of values that are known about zero beforehand; NaN where not."""
-        return np.full(len(self.parameters), np.nan)
-
-    @property
-    def belief(self) -> Array:
-        """The same as rows of unit variance (k, p): each is known about zero."""
-        known = np.isfinite(self.believed)
-        return np.asarray(np.diag(1.0 / np.where(known, self.believed, 1.0))[known])
 
     def only(self, kept: tuple[int, ...]) -> Self:
         """The same with some of its parameters, by their positions, where it can do with fewer."""
         return self
 
-    def rests(self, values: Array) -> bool:
-        """Whether it does nothing at values (..., p)."""
-        return not values.any()
+    def parameter(
+        self, name: str, unit: str, size: float, largest: float | None = None
+    ) -> Parameter:
+        """One of its unknowns; size and largest in SI."""
+        top, _, per = unit.partition("/")
+        scale = _SI.get(top, 1.0) / _SI.get(per, 1.0)
+        return Parameter(self.kind, self.where, name, unit, scale, size, largest)
 
 
 Twist: TypeAlias = tuple[int, Array]
@@ -195,9 +179,8 @@ Twist: TypeAlias = tuple[int, Array]
 Displacement: TypeAlias = tuple[int, Array]
 """A frame and its displacement xi, (..., m or 1, 6), SI."""
 
-
 Flexibilities: TypeAlias = Mapping[tuple[int, int], Array]
-"""D K / d parameter, (m or 1, 6, 6, p), by frames: that is displaced, and whose wrench does it."""
+"""D K / d parameter, (m or 1, 6, 6, p), by frames: the displaced one, and that whose wrench does it."""
 
 
 def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...]:
@@ -262,8 +245,7 @@ class ConstantTwist(Constant):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(self.kind, self.where, self.names[c], "um" if c < 3 else "urad", 1e-6, 1e-3)
-            for c in self.components
+            self.parameter(self.names[c], "um" if c < 3 else "urad", 1e-3) for c in self.components
         )
 
     def only(self, kept: tuple[int, ...]) -> Self:
@@ -286,7 +268,9 @@ class PoseEffect(TwistEffect):
         return displaced(self.twists_at(poses), values)
 
     @property
-    def varies_with(self) -> str:
+    def depends_on(self) -> str:
+        if self.uses:
+            return super().depends_on
         return "load" if self.where == ARM else f"q:{self.where}"
 
 
@@ -321,7 +305,7 @@ class ElasticEffect(TwistEffect):
     frame: int
 
     @property
-    def varies_with(self) -> str:
+    def depends_on(self) -> str:
         return "load"
 
     @abstractmethod
@@ -330,15 +314,15 @@ class ElasticEffect(TwistEffect):
 
     def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
         return tuple(
-            (moved, self._by(K, state.wrench.local[..., felt, :]))
-            for (moved, felt), K in self.flexibilities(state.poses).items()
+            (moved, _by_wrench(K, state.wrench.local[..., stressed, :]))
+            for (moved, stressed), K in self.flexibilities(state.poses).items()
         )
 
-    @staticmethod
-    def _by(K: Array, local: Array) -> Array:
-        """D xi / d parameter by the wrench of a frame (..., m, 6), shape (..., m, 6, p), SI."""
-        K = np.broadcast_to(K, (local.shape[-2], *K.shape[1:]))
-        return np.asarray(np.einsum("mijp,...mj->...mip", K, local, optimize=True))
+
+def _by_wrench(K: Array, local: Array) -> Array:
+    """D xi / d parameter by the wrench of a frame (..., m, 6), shape (..., m, 6, p), SI."""
+    K = np.broadcast_to(K, (local.shape[-2], *K.shape[1:]))
+    return np.asarray(np.einsum("mijp,...mj->...mip", K, local, optimize=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,8 +330,8 @@ class LoadEffect(Effect):
     """Adds a wrench to what the frames transmit."""
 
     @property
-    def varies_with(self) -> str:
-        return "load"
+    def depends_on(self) -> str:
+        return super().depends_on if self.uses else "load"
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +345,7 @@ class SpringEffect(LoadEffect):
 
 @dataclass(frozen=True, eq=False)
 class WeightEffect(LoadEffect):
-    """A change of what hangs on the arm; its wrench follows the arm as all loads do."""
+    """A change of what hangs on the arm. Its wrench follows the arm as all loads do."""
 
     @abstractmethod
     def changes(self, poses: Poses, loads: Loads) -> tuple[Loads, ...]:

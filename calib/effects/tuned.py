@@ -1,9 +1,9 @@
 """Effects with one parameter that is not linear: the cycles of a ripple, a time constant, a moment.
 
 Such an effect moves what its ``carrier`` moves, b directions that are constant, by functions of the
-pose: ``xi = sum_ij amplitude_ij f_i(pose; tuning) direction_j``. The tuning is its first parameter,
-held as it is and not as a correction; the amplitudes follow, function by function, and with all of
-them at zero the model is nominal whatever the tuning.
+pose: ``xi = sum_ij amplitude_ij f_i(pose; tuning) direction_j``. The tuning is its first parameter. It
+is a value, not a correction. The amplitudes follow, function by function. With all of them at zero the
+model is nominal whatever the tuning.
 """
 
 from __future__ import annotations
@@ -31,13 +31,10 @@ class Tuned(DirectedEffect):
 
     tuning : float, SI, where its search begins
     smooth : whether the functions have a derivative by it; where not, only a scan finds it
-
-    By another tuning the other parameters mean something else: on no other day are they compared.
     """
 
     tuning: float
     smooth: ClassVar[bool] = True
-    lasting: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -49,14 +46,6 @@ class Tuned(DirectedEffect):
     def amplitudes(self) -> tuple[Parameter, ...]:
         """The other parameters, function by function."""
 
-    @property
-    def carrier(self) -> Effect:
-        """The linear effect with the b directions and all functions one."""
-        acts = next(kind for kind in _STEADY if isinstance(self, kind))
-        given = {own.name: getattr(self, own.name) for own in fields(acts)}
-        own = self.amplitudes[: self.direction_count]
-        return _STEADY[acts](**given | {"own": own, "allowance": None})
-
     @abstractmethod
     def functions(self, poses: Poses, tuning: Array) -> Array:
         """The functions at tunings (...), SI, shape (..., m, f)."""
@@ -67,7 +56,7 @@ class Tuned(DirectedEffect):
 
     @abstractmethod
     def grid(self, poses: Poses) -> Array:
-        """Tunings worth trying at these poses, shape (C,), ascending; empty where they tell nothing."""
+        """Tunings worth trying at these poses, shape (C,), ascending; empty where none is."""
 
     def richer(self, tunings: Array) -> tuple[Self, Array] | None:
         """The same with more functions, and tunings (C,) at which to try it where these are best."""
@@ -85,29 +74,39 @@ class Tuned(DirectedEffect):
     def initial(self) -> Array:
         return np.array([self.tuning] + [0.0] * len(self.amplitudes))
 
-    def rests(self, values: Array) -> bool:
-        return not values[..., 1:].any()
-
     def tuned(self, value: float) -> Self:
         """The same with its search beginning elsewhere."""
         return replace(self, tuning=float(value))
 
     def amounts(self, poses: Poses, values: Array) -> Array:
         F = self.functions(poses, values[..., 0])
-        return np.asarray(F @ self._table(values, F))
+        return np.asarray(F @ _table(values, F))
 
     def response(self, poses: Poses, values: Array) -> Array:
         F = self.functions(poses, values[..., 0])
-        table = self._table(values, F)
+        table = _table(values, F)
         slope = self.slopes(poses, values[..., 0]) @ table
         f, b = table.shape[-2:]
         each = F[..., None, :, None] * np.eye(b)[:, None, :]
         return np.concatenate([slope[..., None], each.reshape(*slope.shape, f * b)], axis=-1)
 
-    @staticmethod
-    def _table(values: Array, F: Array) -> Array:
-        """Amplitudes by function and direction, shape (..., f, b)."""
-        return values[..., 1:].reshape(*values.shape[:-1], F.shape[-1], -1)
+    @property
+    def carrier(self) -> Effect:
+        """The linear effect with the b directions and all functions one."""
+        acts = next(kind for kind in _STEADY if isinstance(self, kind))
+        fixed = {field.name: getattr(self, field.name) for field in fields(acts)}
+        unknowns = self.amplitudes[: self.direction_count]
+        return _STEADY[acts](**fixed | {"own": unknowns, "allowance": None})
+
+
+def _table(values: Array, F: Array) -> Array:
+    """Amplitudes by function and direction, shape (..., f, b)."""
+    return values[..., 1:].reshape(*values.shape[:-1], F.shape[-1], -1)
+
+
+def at_rest(effect: Effect, values: Array) -> bool:
+    """Whether an effect does nothing at values (..., p): a tuning alone moves nothing."""
+    return not (values[..., 1:] if isinstance(effect, Tuned) else values).any()
 
 
 def amid(effect: Effect, poses: Poses) -> Effect:
@@ -141,7 +140,8 @@ class Steady(DirectedEffect):
         return self.own
 
     def response(self, poses: Poses, values: Array) -> Array:
-        return np.broadcast_to(np.eye(len(self.own)), (len(poses), len(self.own), len(self.own)))
+        p = len(self.own)
+        return np.broadcast_to(np.eye(p), (len(poses), p, p))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.inverse import Solutions, nearest, solutions
+from calib.arm.inverse import solutions
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import InputError
@@ -20,9 +20,8 @@ _LEAP = np.pi / 2.0  # of a joint that turns, between two targets
 
 def is_cartesian(robot: Robot, columns: tuple[str, ...]) -> bool:
     """Whether a table of targets has places of the tip, and no joints."""
-    units = (*ANGLES, *LENGTHS)
     names = {*robot.joints, *robot.told}
-    joints = names | {f"{j}_{u}" for j in names for u in units}
+    joints = names | {f"{j}_{u}" for j in names for u in (*ANGLES, *LENGTHS)}
     return not joints & set(columns) and any(f"x_{unit}" in columns for unit in LENGTHS)
 
 
@@ -51,40 +50,23 @@ def tip_joints(table: CsvTable, robot: Robot) -> Array:
     for row in np.flatnonzero(np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) > _AS_LONG)[:1]:
         what = f"the quaternion's length is {np.linalg.norm(wxyz[row]):.4g}, not 1"
         raise table.fault(int(row), "qw", what, "check its four numbers")
-    reference, found = robot.sample_limits().mean(axis=1), []
     R = Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix().reshape(-1, 3, 3)
+    found = [robot.sample_limits().mean(axis=1)]
     for row, own in enumerate(solutions(robot, R, o)):
-        q, excess = nearest(robot, own.q, reference)
-        if q is None:
-            raise table.fault(row, place[0], *_out_of_reach(robot, own, excess))
-        found.append(q)
-        reference = q
-    return np.array(found).reshape(-1, robot.dof)
-
-
-def _out_of_reach(robot: Robot, own: Solutions, excess: Array) -> tuple[str, str]:
-    """What is wrong with a target, and what to do."""
-    if not len(own.q):
-        short, turned = own.short * 1e3, np.degrees(own.turned)
-        return (
-            f"the nominal arm does not reach this tip: {short:.1f} mm and {turned:.2f} deg are left",
-            "is it in the robot's base frame, and of the cell's tip?",
-        )
-    least = excess[int((excess > 0.0).sum(axis=1).argmin())]
-    names = ", ".join(robot.joints[j] for j in np.flatnonzero(least > 0.0))
-    return (
-        f"this tip is reached beyond the limits of {names} only",
-        "move it, or widen [robot.limits_deg]",
-    )
+        if not len(own.q):
+            left = f"{own.short * 1e3:.1f} mm and {np.degrees(own.turned):.2f} deg are left"
+            what = f"the nominal arm does not reach this tip within its limits: {left}"
+            remedy = "is it in the robot's base frame, and of the cell's tip?"
+            raise table.fault(row, place[0], what, remedy)
+        found.append(own.nearest(robot, found[-1]))
+    return np.array(found[1:]).reshape(-1, robot.dof)
 
 
 def solution_said(robot: Robot, names: tuple[str, ...], q: Array) -> tuple[str, ...]:
     """Which solution was taken where targets were poses of the tip, q (m, n)."""
     if not len(q):
         return ()
-    units = [("mm", 1e-3) if slides else ("deg", np.pi / 180.0) for slides in robot.prismatic]
-    each = zip(robot.joints, q[0], units, strict=True)
-    shown = ", ".join(f"{joint} {value / scale:.1f} {unit}" for joint, value, (unit, scale) in each)
+    shown = ", ".join(f"{name} {value:.1f}" for name, value in robot.shown(q[0]).items())
     said = [
         f"tip poses were turned into joints: at {names[0]} the solution nearest to the middle of the "
         f"joint ranges, {shown}; at the others the one nearest to the target before"

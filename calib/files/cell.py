@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import cast
 
@@ -12,22 +13,28 @@ import numpy as np
 
 from calib.arm.mimic import Coupling
 from calib.arm.robot import Robot
+from calib.arm.se3 import transformed
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.planned import Planned, Targets
+from calib.cell.tables import CellFile, CouplingTable
 from calib.errors import InputError, UnknownEffect
 from calib.files.cell_table import cell_table
-from calib.files.instruments import bodies_of, instruments_of, known_distances
 from calib.files.robot import load_robot
-from calib.files.schema import CellFile, CouplingTable, RobotTable
 from calib.files.tables import load_targets
-from calib.instruments.protocol import TIP
+from calib.instruments import CellParts, Instrument
+from calib.instruments.board import BoardTable
+from calib.instruments.protocol import TIP, WORLD
+from calib.instruments.riding import corners_of
+from calib.instruments.socket import joined_sockets
 from calib.keys import DEG, MM
 from calib.model.build import context_of, parse_effect, parse_excluded
 
-_UNKNOWN = 3 * (math.nan,)
+_UNKNOWN = 3 * (np.nan,)
 _ROUNDED = 1e-9  # rad or m
+_LARGEST_BOARD = 50.0  # m
+_CORNERS = corners_of(np.eye(3), np.zeros(3))
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -43,39 +50,43 @@ def load_cell(path: str | Path) -> Cell:
             parse_effect(text)
     except UnknownEffect as error:
         raise InputError(path, "model.effects", str(error)) from None
-    bodies, markers = bodies_of(path, table), table.markers_mm
-    beside, links = (
-        len(bodies.names),
-        (*(table.link(m.on) for m in markers.values()), *bodies.links),
-    )
-    normals = np.array([*(m.normal or _UNKNOWN for m in markers.values()), *beside * [_UNKNOWN]])
-    normals = normals.reshape(-1, 3)
-    accepted = [*(m.acceptance or math.nan for m in markers.values()), *beside * [math.nan]]
+    shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
+    bodies, seats = _bodies(table, shapes), _seats(table)
+    slices = _slices(len(table.markers_mm), (*bodies.values(), *seats.values()))
+    parts = dict(zip(bodies, slices, strict=False))
+    seated = dict(zip(seats, slices[len(bodies) :], strict=True))
+    beside = [(name, point, table.link(on), None, None)
+              for names, points, on in (*bodies.values(), *seats.values())
+              for name, point in zip(names, points, strict=True)]  # fmt: skip
+    single = [(name, own.position, table.link(own.on), own.normal, own.acceptance)
+              for name, own in table.markers_mm.items()]  # fmt: skip
+    names, points, links, normals, accepted = zip(*single, *beside, strict=True)
+    facing = np.array([_UNKNOWN if own is None else own for own in normals])
     cell = Cell(
         robot,
-        np.concatenate([*(m.position[None] for m in markers.values()), bodies.markers]),
-        instruments_of(path, table, bodies),
+        np.array(points),
+        _instruments(path, table, shapes, parts, seated),
         table.model.effects,
         name=table.name or path.stem,
         path=path,
-        marker_names=(*markers, *bodies.names),
-        marker_normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        marker_acceptance=np.array(accepted),
+        marker_names=names,
+        marker_normals=facing / np.linalg.norm(facing, axis=1, keepdims=True),
+        marker_acceptance=np.array([np.nan if own is None else own for own in accepted]),
         marker_links=links if table.links else (),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass, table.payload.com, _frame(robot, table.payload.on)),
         load=table.load,
-        knots=table.model.knots_deg,
-        anchors=table.robot.compensators_mm,
+        knots=table.model.knots,
+        anchors=table.robot.anchors,
         shapes=robot.shapes if table.robot.shapes is None else table.robot.shapes,
         design=planned(path, robot, replace(table.design, targets=None)),
         pace=table.timing,
         repeatability=table.robot.repeatability,
-        gear_ratios=table.robot.gear_ratio,
-        known_distances=known_distances(path, table),
-        bodies=bodies.parts,
-        seats=bodies.seats,
-        tolerance=table.acceptance and table.acceptance.tolerance_mm,
+        gear_ratios=table.robot.gear_ratios,
+        known_distances=tuple(table.known_distances),
+        bodies=parts,
+        seats=seated,
+        tolerance=table.acceptance and table.acceptance.tolerance,
         size_prior=table.model.size_prior,
         about=table.report,
     )
@@ -97,9 +108,8 @@ def with_targets(cell: Cell, file: str | None) -> Cell:
     if file is None:
         return cell
     path = cell.path.parent / file
-    return replace(
-        cell, design=replace(cell.design, targets=Targets(path, *load_targets(cell, path)))
-    )
+    targets = Targets(path, *load_targets(cell, path))
+    return replace(cell, design=replace(cell.design, targets=targets))
 
 
 def planned(path: Path, robot: Robot, design: Planned) -> Planned:
@@ -119,7 +129,84 @@ def planned(path: Path, robot: Robot, design: Planned) -> Planned:
     return replace(design, levels=levels)
 
 
-# -- the robot -----------------------------------------------------------------------------------
+# -- what rides on links beside the markers --------------------------------------------------------
+
+_Points = tuple[tuple[str, ...], Array]
+"""Names of points, and these (n, 3), m."""
+_Riding = tuple[tuple[str, ...], Array, str]
+"""The same, and the link on which they ride."""
+
+
+def _shape(path: Path, name: str, board: BoardTable) -> _Points:
+    """Points of a board; one that lies where no board reaches is none of it. Raises InputError."""
+    names, points = board.shape()
+    near = np.abs(points - np.median(points, axis=0)).max(axis=1) < _LARGEST_BOARD
+    if not near.any():
+        what = "lie farther apart than those of any board"
+        raise InputError(path, f"boards.{name}.points_mm", what, "give them in mm")
+    return tuple(f"{name}:{own}" for own in itertools.compress(names, near)), points[near]
+
+
+def _bodies(table: CellFile, shapes: Mapping[str, _Points]) -> dict[str, _Riding]:
+    """Frames and cameras on links, then boards; one of which nothing is said is at its link's frame."""
+    framed = {**table.bodies, **table.carried}.items()
+    bodies: dict[str, _Riding] = {
+        name: ((name, f"{name}:x", f"{name}:y"), transformed(own.frame, _CORNERS), own.on)
+        for name, own in framed
+    }
+    for name, board in table.boards.items():
+        if board.on != WORLD:
+            names, points = shapes[name]
+            bodies[name] = names, transformed(board.frame, points), board.on
+    return bodies
+
+
+def _seats(table: CellFile) -> dict[str, _Riding]:
+    """Links under instruments, by name."""
+    under = {table.link(own.on): own.on for own in table.seated.values()}
+    return {k: (tuple(f"{k}:{end}" for end in "oxy"), _CORNERS, on) for k, on in under.items()}
+
+
+def _slices(first: int, riding: Iterable[_Riding]) -> list[slice]:
+    """Positions of points that follow each other."""
+    counts = np.cumsum([first, *(len(names) for names, *_ in riding)]).tolist()
+    return [slice(a, b) for a, b in itertools.pairwise(counts)]
+
+
+def _instruments(
+    path: Path,
+    table: CellFile,
+    shapes: Mapping[str, _Points],
+    parts: Mapping[str, slice],
+    seats: Mapping[str, slice],
+) -> tuple[Instrument, ...]:
+    """All of them; sockets of one uncertainty are one instrument that stands elsewhere each time.
+
+    Raises InputError for one on a link that carries all that it could read, and for a camera where
+    OpenCV is not installed.
+    """
+    if table.instrument is not None:
+        return (table.instrument.tracker(),)
+    for name in table.cameras if find_spec("cv2") is None else ():
+        what = "is a camera, which needs OpenCV"
+        raise InputError(path, f"instruments.{name}", what, "pip install '.[camera]'")
+    cell = CellParts(
+        links=tuple(own.on for own in table.markers_mm.values()),
+        parts={**parts, **seats},
+        read_as_poses={name: own.on for name, own in table.bodies.items()},
+        boards={name: (table.boards[name], *shape) for name, shape in shapes.items()},
+        placed="base" in table.model.effects,
+    )
+    made = {name: own.instrument(name, cell) for name, own in table.instruments.items()}
+    for name, own in table.seated.items():
+        if made[name].markers == ():
+            what = f"rides on {own.on} as all does that it reads"
+            raise InputError(path, f"instruments.{name}.on", what, "name another link")
+        made[name] = replace(made[name], seat=seats[table.link(own.on)])
+    return joined_sockets([*made.values()])
+
+
+# -- the robot -------------------------------------------------------------------------------------
 
 
 def _robot(path: Path, table: CellFile) -> Robot:
@@ -131,49 +218,34 @@ def _robot(path: Path, table: CellFile) -> Robot:
     robot = coupled(path, robot, own.coupled)
     if table.load is not None:
         robot = replace(robot, loaded=_frame(robot, table.load.on))
-    limits, unlimited = robot.limits.copy(), np.full(robot.dof, math.nan)
-    drives = {
-        what: unlimited.copy() if given is None else given.copy()
-        for what, given in (("speed", robot.speeds), ("acceleration", robot.accelerations))
-    }
-    for what, slides, key, scale, values in own.of_joints():
-        for joint, value in values.items():
-            j = robot.joints.index(joint)
-            if robot.prismatic[j] != slides:
-                fault = f"joint {joint} {'turns' if slides else 'slides'}: this is in another unit"
-                other = key.replace("_mm", "_deg") if slides else key.replace("_deg", "_mm")
-                remedy = f"write it under [robot.{other}]"
-                raise InputError(path, f"robot.{key}.{joint}", fault, remedy)
-            if what == "limits":
-                limits[j] = _narrowed(path, f"robot.{key}.{joint}", own, limits[j], value, scale)
-            else:
-                drives[what][j] = value * scale
-    narrowed = replace(
-        robot, limits=limits, speeds=drives["speed"], accelerations=drives["acceleration"]
+    limits, unknown = robot.limits.copy(), np.full(robot.dof, np.nan)
+    speeds, accelerations = (
+        unknown.copy() if given is None else given.copy()
+        for given in (robot.speeds, robot.accelerations)
     )
-    for name, (low, high) in zip(robot.joints, narrowed.sample_limits(), strict=True):
+    for slides, key, scale, values in own.of_joints():
+        for joint, value in values.items():
+            j, where = robot.joints.index(joint), f"robot.{key}.{joint}"
+            if robot.prismatic[j] != slides:
+                what = f"joint {joint} {'turns' if slides else 'slides'}: this is in another unit"
+                other = key.replace("_mm", "_deg") if slides else key.replace("_deg", "_mm")
+                raise InputError(path, where, what, f"write it under [robot.{other}]")
+            if key.startswith("limits"):
+                low, high = np.array(value) * scale
+                narrowed = max(limits[j, 0], low), min(limits[j, 1], high)
+                if narrowed[0] > narrowed[1]:
+                    what = f"leaves nothing of the {own.form.upper()}'s limits"
+                    known = "those are {:g} .. {:g}".format(*(limits[j] / scale))
+                    raise InputError(path, where, what, known)
+                limits[j] = narrowed
+            else:
+                (speeds if key.startswith("speed") else accelerations)[j] = value * scale
+    robot = replace(robot, limits=limits, speeds=speeds, accelerations=accelerations)
+    for name, (low, high) in zip(robot.joints, robot.sample_limits(), strict=True):
         if low > high + _ROUNDED:
-            fault = f"limits leave nothing to {name}, which moves with others"
-            raise InputError(path, "robot", fault, "widen those in the cell or robot's file")
-    return narrowed
-
-
-def _narrowed(
-    path: Path,
-    where: str,
-    table: RobotTable,
-    limits: Array,
-    given: tuple[float, float],
-    scale: float,
-) -> Array:
-    """Limits (2,) of a joint within those of the cell, too. Raises InputError where nothing is left."""
-    low, high = np.array(given) * scale
-    narrowed = np.array([max(limits[0], low), min(limits[1], high)])
-    if narrowed[0] > narrowed[1]:
-        what = f"leaves nothing of the {table.form.upper()}'s limits"
-        known = "those are {:g} .. {:g}".format(*(limits / scale))
-        raise InputError(path, where, what, known)
-    return narrowed
+            what = f"limits leave nothing to {name}, which moves with others"
+            raise InputError(path, "robot", what, "widen those in the cell or robot's file")
+    return robot
 
 
 def _frame(robot: Robot, on: str) -> int:
@@ -184,21 +256,21 @@ def _frame(robot: Robot, on: str) -> int:
 def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
     """Refuse keys that name no joint, and knots of a joint that slides."""
     own = table.robot
-    named: dict[str, Iterable[str]] = {f"robot.{key}": v for _, _, key, _, v in own.of_joints()}
+    named: dict[str, Iterable[str]] = {f"robot.{key}": v for _, key, _, v in own.of_joints()}
     named |= {
-        "robot.compensators_mm": own.compensators_mm,
-        "robot.gear_ratio": own.gear_ratio,
+        "robot.compensators_mm": own.anchors,
+        "robot.gear_ratio": own.gear_ratios,
         "robot.coupled": own.coupled,
-        "robot.capsules_mm": {*(own.capsules_mm or ())} - {"base", "tool"},
+        "robot.capsules_mm": {*(own.capsules or ())} - {"base", "tool"},
         "design.levels": table.design.levels,
-        "model.knots_deg": table.model.knots_deg,
+        "model.knots_deg": table.model.knots,
     }
     for key, names in named.items():
         for name in names:
             if name not in robot.joints:
                 known = f"joints are {', '.join(robot.joints)}"
                 raise InputError(path, f"{key}.{name}", "no such joint", known)
-    for joint in table.model.knots_deg:
+    for joint in table.model.knots:
         if robot.prismatic[robot.joints.index(joint)]:
             raise InputError(path, f"model.knots_deg.{joint}", "is a joint that slides, not turns")
 
@@ -210,6 +282,7 @@ def coupled(path: Path, robot: Robot, table: Mapping[str, CouplingTable]) -> Rob
     others, and for an offset in another unit.
     """
     following = {mimic.joint: (mimic.master,) for mimic in robot.mimics}
+    followed = following | {joint: tuple(own.of) for joint, own in table.items()}
     couplings = []
     for joint, own in table.items():
         where = f"robot.coupled.{joint}"
@@ -225,14 +298,12 @@ def coupled(path: Path, robot: Robot, table: Mapping[str, CouplingTable]) -> Rob
         if own.offset_deg if slides else own.offset_mm:
             key, does = ("offset_mm", "slides") if slides else ("offset_deg", "turns")
             raise InputError(path, where, f"the joint {does}", f"give {key}")
-        offset = own.offset_mm * MM if slides else own.offset_deg * DEG
-        couplings.append(Coupling(joint, tuple(own.of.items()), offset))
-    followed = following | {joint: tuple(own.of) for joint, own in table.items()}
-    for joint in table:
         masters = [*followed[joint]]
         for name in masters:  # grows
             masters += [other for other in followed.get(name, ()) if other not in masters]
         if joint in masters:
             what = "moves itself, by way of what moves it"
-            raise InputError(path, f"robot.coupled.{joint}", what, "let one of these move freely")
+            raise InputError(path, where, what, "let one of these move freely")
+        offset = own.offset_mm * MM if slides else own.offset_deg * DEG
+        couplings.append(Coupling(joint, tuple(own.of.items()), offset))
     return replace(robot, couplings=tuple(couplings)) if couplings else robot

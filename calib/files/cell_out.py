@@ -13,7 +13,7 @@ import numpy as np
 from calib.arm.robot import FORMS
 from calib.cell import Cell
 from calib.effects import Effect
-from calib.effects.stiffness_vs_angle import StiffnessVsAngle
+from calib.effects.elastic import StiffnessVsAngle
 from calib.errors import CalibError
 from calib.files.read import read_text
 from calib.model.build import build, parse_effect
@@ -21,7 +21,6 @@ from calib.poses import Poses
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
-
 
 _LARGEST_FILE = 2_000_000  # bytes
 
@@ -77,12 +76,12 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     _write_effects(document, entries)
     _write_knots(document, cell, added)
     _write_paths(document, cell.path.parent, target.parent)
-    parts = []
-    for entry in cell.effects:
-        name, given = parse_effect(entry)
-        places = cell.robot.joints if given is None else given
-        gone = [p for p in places if any(effect.contains(name, p) for effect in added)]
-        parts += [f"{name}:{place}" for place in gone]
+    parts = [
+        f"{name}:{place}"
+        for name, places in (_places(entry, cell) for entry in cell.effects)
+        for place in places
+        if any(effect.contains(name, place) for effect in added)
+    ]
     names = tuple(map(_name, added))
     return Extended(document.as_string(), names, tuple(parts), tuple(refused))
 
@@ -91,10 +90,15 @@ def _name(effect: Effect) -> str:
     return f"{effect.kind}:{effect.where}"
 
 
+def _places(entry: str, cell: Cell) -> tuple[str, tuple[str, ...]]:
+    """Name and places of an entry of the model."""
+    name, given = parse_effect(entry)
+    return name, cell.robot.joints if given is None else given
+
+
 def _without(entry: str, effect: Effect, cell: Cell) -> str | None:
     """An entry of the model without what is part of the effect; None where nothing is left."""
-    name, given = parse_effect(entry)
-    places = cell.robot.joints if given is None else given
+    name, places = _places(entry, cell)
     left = [place for place in places if not effect.contains(name, place)]
     if len(left) == len(places):
         return entry
@@ -123,26 +127,21 @@ def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) ->
     import tomlkit
     from tomlkit.items import InlineTable
 
-    fresh = {
-        joint: np.round(np.degrees(knots), 6).tolist()
-        for joint, knots in _knots(cell, added).items()
-        if joint not in cell.knots
-    }
-    if not fresh:
-        return
     model: Any = document["model"]
-    if "knots_deg" not in model:
-        inline = isinstance(model, InlineTable)
-        model["knots_deg"] = tomlkit.inline_table() if inline else tomlkit.table()
-    for joint, angles in fresh.items():
-        model["knots_deg"][joint] = angles
+    for joint, knots in _knots(cell, added).items():
+        if joint in cell.knots:
+            continue
+        if "knots_deg" not in model:
+            inline = isinstance(model, InlineTable)
+            model["knots_deg"] = tomlkit.inline_table() if inline else tomlkit.table()
+        model["knots_deg"][joint] = np.round(np.degrees(knots), 6).tolist()
 
 
 def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
     """Name files relative to the new folder; absolute names hold anywhere."""
-    named: list[tuple[Any, str]] = [(document.get("robot", {}), form) for form in FORMS]
-    for table, key in (*named, (document.get("design", {}), "targets")):
-        given: Any = table.get(key)
+    for name, key in (*(("robot", form) for form in FORMS), ("design", "targets")):
+        table: Any = document.get(name, {})
+        given = table.get(key)
         if given is None or Path(given).is_absolute() or source.resolve() == target.resolve():
             continue
         file = source / given

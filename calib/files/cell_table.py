@@ -11,18 +11,63 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from calib.cell.tables import CellFile
 from calib.errors import InputError
 from calib.files.read import ORDER, read_text
-from calib.files.schema import CellFile
 from calib.instruments import KINDS
 
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _DEEPEST = 50  # parts of a key
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_NAMED = ("markers_mm", "instruments", "bodies", "boards")  # below these stand the user's own names
+_TAGS = {*KINDS, "number", "polar", "mpe", "plain", "table", "box", "sphere", "halfspace"}
+_INSTEAD = {
+    "angle": "points, which takes the point that the angles give",
+    "sphere": "plane or socket",
+}
+"""Kind of instrument that is none -> what to write in its place."""
+_LIST, _TABLE = "should be a list in brackets", "should be a table of its own"
+_LACKS = "add it, as in the cell that `posecal demo` writes"
+_PLAINLY = {
+    "tuple_type": "should be a list of numbers in brackets",
+    "list_type": _LIST,
+    "dict_type": _TABLE,
+    "model_type": _TABLE,
+    "dataclass_type": _TABLE,
+    "too_short": "has no entry; at least one is needed",
+}
+_VIEWS = "use max_tilt_deg and min_points"
+_STRUCK = {
+    "keep_sight": "leave it out: the ways between poses are not planned",
+    "acceptance.rule": "leave it out: every held-out point must be within tolerance_mm",
+    "robot.kinematics": "name the maker's URDF by urdf",
+    "model.prior": "state the sizes of errors by size_prior",
+    "timing.temperature_degC": "give temperatures as a column of the measurements",
+    "design.reference_every": "set reapproaches: poses that are visited again",
+    "instrument.common": "leave it out: an error that all readings share is not counted",
+    "instruments.common": "leave it out: an error that all readings share is not counted",
+    "dictionary": "leave it out: points are named by their number",
+    "tags": "write the corners of the tags as points_mm",
+    "instruments.calibration": "write focal_px, center_px and distortion as OpenCV has them",
+    "instruments.model": "undistort a fisheye by cv2.fisheye.undistortPoints, and give a pinhole",
+    "instruments.intrinsics_covariance": "write intrinsics_std",
+    "instruments.margin_px": _VIEWS,
+    "instruments.min_square_px": _VIEWS,
+    "instruments.focus_mm": _VIEWS,
+}
+"""Keys that a cell does not have -> what to use."""
 
 
 def cell_table(path: Path) -> CellFile:
     """The checked tables of a cell file, as they stand in it. Raises InputError."""
-    return _validated(path, _read_toml(path))
+    try:
+        return CellFile.model_validate(_read_toml(path))
+    except ValidationError as error:
+        # A misspelt key is both unknown and missing: the unknown one is what the user sees.
+        problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] not in _UNKNOWN)
+        keys = _keys(problems[0]["loc"])
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(path, ".".join(keys), _plain(problems[0], keys) + more) from None
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -51,23 +96,6 @@ def _refuse_long_keys(path: Path, text: str) -> None:
             raise InputError(path, f"line {number}", "is nested too deeply")
 
 
-def _validated(path: Path, raw: dict[str, Any]) -> CellFile:
-    try:
-        return CellFile.model_validate(raw)
-    except ValidationError as error:
-        # A misspelt key is both unknown and missing: the unknown one is what the user sees.
-        problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] not in _UNKNOWN)
-        first = problems[0]
-        keys = _keys(first["loc"])
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise InputError(path, ".".join(keys), _plain(first, keys) + more) from None
-
-
-_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
-_NAMED = ("markers_mm", "instruments", "bodies", "boards")  # below these stand the user's own names
-_TAGS = {*KINDS, "number", "polar", "mpe", "plain", "table", "box", "sphere", "halfspace"}
-
-
 def _keys(location: tuple[int | str, ...]) -> list[str]:
     """Keys of the file; which of several forms it is (number, box ..) stands in the location alone."""
     return [
@@ -77,51 +105,14 @@ def _keys(location: tuple[int | str, ...]) -> list[str]:
     ]
 
 
-_INSTEAD = {
-    "angle": "points, which takes the point that the angles give",
-    "sphere": "plane or socket",
-}
-"""Kind of instrument that is none -> what to write in its place."""
-_PLAINLY = {
-    "tuple_type": "should be a list of numbers in brackets",
-    "list_type": "should be a list in brackets",
-    "dict_type": "should be a table of its own",
-    "model_type": "should be a table of its own",
-    "dataclass_type": "should be a table of its own",
-    "too_short": "has no entry; at least one is needed",
-}
-
-
-_STRUCK = {
-    "keep_sight": "leave it out: the ways between poses are not planned",
-    "instrument.common": "leave it out: an error that all readings share is not counted",
-    "acceptance.rule": "leave it out: every held-out point must be within tolerance_mm",
-    "robot.kinematics": "name the maker's URDF by urdf",
-    "model.prior": "state the sizes of errors by size_prior",
-    "timing.temperature_degC": "give temperatures as a column of the measurements",
-    "design.reference_every": "set reapproaches: poses that are visited again",
-    "instruments.calibration": "write focal_px, center_px and distortion as OpenCV has them",
-    "instruments.model": "undistort a fisheye by cv2.fisheye.undistortPoints, and give a pinhole",
-    "instruments.intrinsics_covariance": "write intrinsics_std",
-    "instruments.margin_px": "use max_tilt_deg and min_points",
-    "instruments.min_square_px": "use max_tilt_deg and min_points",
-    "instruments.focus_mm": "use max_tilt_deg and min_points",
-}
-"""Keys that a cell does not have -> what to use."""
-
-
 def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
-    kind, tag = problem["type"], problem.get("ctx", {})
-    if kind == "missing" and keys[-1].isdigit():
-        return "is missing: the list has too few numbers"
+    kind, tag, value = problem["type"], problem.get("ctx", {}), problem.get("input")
     if kind == "missing":
-        return "is missing; add it, as in the cell that `posecal demo` writes"
+        few = "is missing: the list has too few numbers"
+        return few if keys[-1].isdigit() else f"is missing; {_LACKS}"
     if kind in _UNKNOWN:
         struck = _STRUCK.get(f"{keys[0]}.{keys[-1]}", _STRUCK.get(keys[-1]))
-        if struck:
-            return f"is not a known key; {struck}"
-        close = difflib.get_close_matches(keys[-1], _known_keys(), n=1)
-        return "is not a known key" + (f"; did you mean {close[0]!r}?" if close else "")
+        return f"is not a known key{f'; {struck}' if struck else _meant(keys[-1])}"
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         of = tag.get("discriminator", "type").strip("'")
         known = "box, sphere or halfspace" if of == "type" else ", ".join(sorted(KINDS))
@@ -131,11 +122,15 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
         return _PLAINLY[kind]
     text = str(problem["msg"]).removeprefix("Value error, ")
     text = text[0].lower() + text[1:]
-    value = problem.get("input")
     return text + (f", found {value!r}" if isinstance(value, str | int | float) else "")
 
 
-def _known_keys() -> set[str]:
+def _meant(key: str) -> str:
+    """Keys that are most like an unknown one, all that are equally so."""
     schema = CellFile.model_json_schema()
     tables = (schema, *schema["$defs"].values())
-    return {key for table in tables for key in table.get("properties", ())}
+    known = sorted({key for table in tables for key in table.get("properties", ())})
+    close = difflib.get_close_matches(key, known, n=3)
+    ratios = [difflib.SequenceMatcher(None, own, key).ratio() for own in close]
+    best = [repr(own) for own, ratio in zip(close, ratios, strict=True) if ratio == ratios[0]]
+    return f"; did you mean {' or '.join(sorted(best))}?" if best else ""

@@ -33,14 +33,10 @@ SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
 _NAMES = ("pose", "marker", "instrument", "station", "session")
 _COVARIATES = ("temperature_degC", "time_s", "order")
 OTHERS = (*_NAMES, *_COVARIATES, *SIGMAS, "level", "weight")
-
 _STRUCK = {"load_block": "take it out: the load is changed at each pose"}
 """Columns that there are no more, and what to do."""
 _MOST_TURNS = 100.0
 _ALIKE = 0.8  # of names that may be meant for each other
-_SLACK = (1e-3, math.radians(0.05))
-"""By how much a reading may pass a limit, m and rad: controllers stop there, and encoders scatter."""
-_RADIANS_LOOK = 2 * math.pi + 0.1  # a whole table of degrees below this is probably radians
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,8 @@ def column_of(
     return present[0] if present else None
 
 
-def _units(slides: bool) -> dict[str, float]:
+def units_of(slides: bool) -> dict[str, float]:
+    """Units of a joint."""
     return LENGTHS if slides else ANGLES
 
 
@@ -96,10 +93,10 @@ def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[Jo
     for sources in robot.sources:
         joint_column: JointColumn | None = None
         for source in sources[::-1]:  # its own column comes before its master's
-            units = _units(source.slides)
-            column = column_of(path, columns, source.master, units, f"joint {source.master}")
+            name, units = source.master, units_of(source.slides)
+            column = column_of(path, columns, name, units, f"joint {name}")
             if column is not None:
-                scale = titles(source.master, units)[column]
+                scale = titles(name, units)[column]
                 joint_column = JointColumn(column, scale, source.factor, source.offset)
         if joint_column is None and sources[0].joint not in robot.undriven:
             raise _missing(path, sources, columns)
@@ -110,15 +107,15 @@ def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[Jo
 def _missing(path: Path, sources: Sequence[Mimic], columns: tuple[str, ...]) -> InputError:
     """What to say of a joint that no column gives, or that has one in another unit."""
     joint, *masters = sources
-    for column in titles(joint.master, _units(not joint.slides)):
+    for column in titles(joint.master, units_of(not joint.slides)):
         if column in columns:
             does = "slides" if joint.slides else "turns"
             what = f"column {column!r} is no unit of joint {joint.joint}, which {does}"
-            remedy = f"name it {' or '.join(titles(joint.joint, _units(joint.slides)))}"
+            remedy = f"name it {' or '.join(titles(joint.joint, units_of(joint.slides)))}"
             return InputError(path, "line 1", what, remedy)
     what = f"no column for joint {joint.joint}"
     what += "".join(f", nor for {m.master}, which it mimics" for m in masters)
-    wanted = (name for own in sources[::-1] for name in titles(own.master, _units(own.slides)))
+    wanted = (name for own in sources[::-1] for name in titles(own.master, units_of(own.slides)))
     return InputError(path, "line 1", what, f"add {' or '.join(wanted)}")
 
 
@@ -129,31 +126,34 @@ def check_known(
 
     readings : columns that hold what the instruments read
     """
-    joints = dict.fromkeys((*robot.joints, *robot.told))
     known, ignored = {*OTHERS, *readings, *shared_columns(robot)}, []
-    units_of = {c.partition("_")[0] for c in (*WRENCH, *OTHERS)}
     for name in (own for own in columns if own and own not in known):
-        unit, what = name.rpartition("_")[2], f"column {name!r} is not known"
-        close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1)
-        near = difflib.get_close_matches(name, [*OTHERS, *WRENCH], n=1, cutoff=_ALIKE)
-        if name in _STRUCK:
-            remedy = _STRUCK[name]
-        elif unit in ("deg", "rad") or name.startswith("approach_"):
-            what = f"column {name!r} names no joint of the robot"
-            absent = sorted({f"{j}_{unit}" for j in joints} - {*columns})
-            alike = {column.casefold(): column for column in absent}
-            meant = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
-            remedy = "".join(f"did you mean {alike[own]!r}? " for own in meant)
-            remedy += f"joints are {', '.join(joints)}"
-        elif name.partition("_")[0] in units_of:
-            what, remedy = f"column {name!r} has no known unit", f"name it {(close or ['?'])[0]}"
-        elif near:
-            remedy = f"did you mean {near[0]!r}?"
-        else:
+        fault = _STRUCK.get(name) or _fault_of_column(name, robot, columns)
+        if fault is None:
             ignored.append(name)
             continue
+        what, remedy = (f"column {name!r} is not known", fault) if isinstance(fault, str) else fault
         raise InputError(path, "line 1", what, remedy)
     return (f"{path}: ignored columns: {', '.join(ignored)}",) if ignored else ()
+
+
+def _fault_of_column(
+    name: str, robot: Robot, columns: tuple[str, ...]
+) -> tuple[str, str] | str | None:
+    """What is wrong with an unknown column and what to do; None where it may mean nothing."""
+    joints = tuple(dict.fromkeys((*robot.joints, *robot.told)))
+    unit, others = name.rpartition("_")[2], [*OTHERS, *WRENCH]
+    if unit in ("deg", "rad") or name.startswith("approach_"):
+        alike = {c.casefold(): c for c in sorted({f"{j}_{unit}" for j in joints} - {*columns})}
+        meant = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
+        remedy = "".join(f"did you mean {alike[own]!r}? " for own in meant)
+        remedy += f"joints are {', '.join(joints)}"
+        return f"column {name!r} names no joint of the robot", remedy
+    if name.partition("_")[0] in {c.partition("_")[0] for c in others}:
+        close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1) or ["?"]
+        return f"column {name!r} has no known unit", f"name it {close[0]}"
+    near = difflib.get_close_matches(name, others, n=1, cutoff=_ALIKE)
+    return f"did you mean {near[0]!r}?" if near else None
 
 
 def shared_columns(robot: Robot) -> set[str]:
@@ -171,14 +171,14 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
     return tuple(f"{joint}_{'N' if slides else 'Nm'}" for joint, slides in each)
 
 
-def motion_columns(table: CsvTable, robot: Robot) -> dict[str, float]:
-    """Column of each joint's last move, and its unit in SI; of any unit that the table has."""
-    columns = {}
+def motion_columns(columns: Sequence[str], robot: Robot) -> dict[str, float]:
+    """Column of each joint's last move, and its unit in SI; of any unit that a table has."""
+    found = {}
     for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
-        named = titles(f"move_{joint}", _units(slides))
-        column = next((name for name in named if name in table.columns), next(iter(named)))
-        columns[column] = named[column]
-    return columns
+        named = titles(f"move_{joint}", units_of(slides))
+        column = next((name for name in named if name in columns), next(iter(named)))
+        found[column] = named[column]
+    return found
 
 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
@@ -190,39 +190,11 @@ def joint_values(table: CsvTable, robot: Robot) -> Array:
     q[:, implied] = robot.tied(q)[:, implied]
     turns = np.abs(q) / (2.0 * math.pi)
     for row, j in np.argwhere((turns > _MOST_TURNS) & ~robot.prismatic)[:1]:
-        what = f"is an angle of {turns[row, j]:.0f} turns"
-        remedy = (
-            "check its unit: counts of an encoder and angles of the motor are none of the joint"
-        )
-        column = given[j]
-        raise table.fault(row, robot.joints[j] if column is None else column.name, what, remedy)
+        column, what = given[j], f"is an angle of {turns[row, j]:.0f} turns"
+        name = robot.joints[j] if column is None else column.name
+        remedy = "counts of an encoder and angles of the motor are none of the joint"
+        raise table.fault(row, name, what, f"check its unit: {remedy}")
     return q
-
-
-def joint_warnings(table: CsvTable, robot: Robot, q: Array) -> tuple[str, ...]:
-    """What is odd about joint values but may be meant: limits left, degrees that look like radians."""
-    warnings, turning = [], ~robot.prismatic
-    in_degrees = [f"{j}_deg" in table.columns for j in np.array(robot.joints)[turning]]
-    if turning.any() and all(in_degrees):
-        largest = float(np.degrees(np.abs(q[:, turning]).max()))
-        if 0.0 < largest < _RADIANS_LOOK and len(table.rows) > 2:
-            warnings.append(
-                f"{table.path}: joint angles reach only {largest:.3g} degrees: the range looks like "
-                "radians; if so, name the columns <joint>_rad"
-            )
-    margin = np.where(robot.prismatic, *_SLACK)
-    outside = (q < robot.limits[:, 0] - margin) | (q > robot.limits[:, 1] + margin)
-    for j in np.flatnonzero(outside.any(axis=0)):
-        row = int(np.flatnonzero(outside[:, j])[0])
-        unit, scale = next(iter(_units(robot.prismatic[j]).items()))
-        where = (
-            f"line {table.lines[row]}: joint {robot.joints[j]} at {q[row, j] / scale:.2f} {unit}"
-        )
-        warnings.append(
-            f"{table.path}: {where} is outside its limits ({int(outside[:, j].sum())} rows in all); "
-            "check joint names and units"
-        )
-    return tuple(warnings)
 
 
 def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
@@ -234,7 +206,7 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     driven = [joint not in robot.undriven for joint in robot.joints]
     if (torque := _of_joints(table, torque_columns(robot), driven)) is not None:
         fields["torque"] = torque[rows]
-    units = motion_columns(table, robot)
+    units = motion_columns(table.columns, robot)
     if (moved := _of_joints(table, [*units], driven)) is not None:
         moved = moved[rows] * [*units.values()]
         fields["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)

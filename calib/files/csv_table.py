@@ -25,6 +25,7 @@ _COMMENT = re.compile(r"#(\s|#|[^,]*$)")  # a pose may be named #1
 _SHOWN = 6
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _DIGITS = re.compile(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?", re.ASCII)
+_MARKS = {";": "semicolons", "\t": "tabs", " ": "blanks"}
 LONGEST_LINE = 65_536
 """Characters; a longer line is none of a table of numbers."""
 
@@ -57,11 +58,11 @@ class CsvTable:
 
     def refuse_twice(self, column: str, remedy: str) -> None:
         """Raises InputError where two rows have the same name."""
-        names = self.text(column)
-        first = {name: row for row, name in reversed([*enumerate(names)])}
-        for row, name in enumerate(names):
-            if first[name] != row:
+        seen = set[str]()
+        for row, name in enumerate(self.text(column)):
+            if name in seen:
                 raise self.fault(row, column, f"{name!r} stands twice", remedy)
+            seen.add(name)
 
     def numbers(self, column: str, rows: IntArray | None = None, remedy: str = "") -> Array:
         """A column of finite numbers, of some rows; raises InputError naming line and column."""
@@ -77,24 +78,56 @@ class CsvTable:
         return values
 
     def _number(self, column: int, row: int) -> float:
-        cell = self.rows[row][column]
+        cell, remedy = self.rows[row][column].strip(), self.remedy
         try:
             return float(cell)
         except ValueError:
-            what = f"{cell[:40]!r} is not a number" if cell.strip() else "is empty"
-            remedy = self._remedy(cell.strip(), row)
+            if _DECIMAL_COMMA.fullmatch(cell):
+                remedy = "write decimal points, as in 1.5"
+            elif row == 0 and not any(_DIGITS.fullmatch(text.strip()) for text in self.rows[0]):
+                remedy = f"line {self.lines[0]} is a second title line: delete it"
+            what = f"{cell[:40]!r} is not a number" if cell else "is empty"
             raise self.fault(row, self.columns[column], what, remedy) from None
-
-    def _remedy(self, cell: str, row: int) -> str:
-        """What to do with a text in place of a number."""
-        if _DECIMAL_COMMA.fullmatch(cell):
-            return "write decimal points, as in 1.5"
-        if row == 0 and not any(_DIGITS.fullmatch(text.strip()) for text in self.rows[0]):
-            return f"line {self.lines[0]} is a second title line: delete it"
-        return self.remedy
 
     def fault(self, row: int, column: str, what: str, remedy: str = "") -> InputError:
         return InputError(self.path, f"line {self.lines[row]}, column {column}", what, remedy)
+
+
+def read_table(
+    path: Path,
+    required: Sequence[str],
+    check: Callable[[tuple[str, ...]], None],
+    rows_are: str = "poses",
+    remedy: str = _REMEDY,
+) -> CsvTable:
+    """The whole table but for empty rows; the header is checked before any row is read."""
+    rows, lines = list[list[str]](), list[int]()
+    check_file(path, _LARGEST_FILE)
+    reader = csv.reader(_bounded_lines(path), strict=True)
+    try:
+        columns = _header(path, reader, required)
+        check(columns)
+        for row in filter(any, reader):
+            if len(row) != len(columns):
+                more = len(row) > len(columns)
+                how = "write decimal points, not commas, and nothing more"
+                what = f"has {len(row)} fields, the header {len(columns)}"
+                where = f"line {reader.line_num}"
+                raise InputError(path, where, what, how if more else "complete the row")
+            if rows:  # what a pose repeats in each of its rows is kept once
+                row = [old if old == new else new for old, new in zip(rows[-1], row, strict=True)]
+            rows.append(row)
+            lines.append(reader.line_num)
+    except UnicodeDecodeError:
+        raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
+    except csv.Error as error:
+        where, what = f"line {reader.line_num}", f"is no CSV ({error})"
+        raise InputError(path, where, what, "check the quotation marks") from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+    if not rows:
+        raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
+    return CsvTable(path, columns, rows, lines, remedy)
 
 
 def _bounded_lines(path: Path) -> Iterator[str]:
@@ -106,44 +139,6 @@ def _bounded_lines(path: Path) -> Iterator[str]:
                 what = "is no line of a CSV table"
                 raise InputError(path, f"line {number}", what, "export it as CSV")
             yield "\n" if _COMMENT.match(line) else line
-
-
-def read_table(
-    path: Path,
-    required: Sequence[str],
-    check: Callable[[tuple[str, ...]], None],
-    rows_are: str = "poses",
-    remedy: str = _REMEDY,
-) -> CsvTable:
-    """The whole table; the header is checked before any row is read."""
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    check_file(path, _LARGEST_FILE)
-    reader = csv.reader(_bounded_lines(path), strict=True)
-    try:
-        columns = _header(path, reader, required)
-        check(columns)
-        for row in filter(None, reader):
-            if len(row) != len(columns):
-                more = len(row) > len(columns)
-                remedy = "write decimal points, not commas, and nothing more"
-                what = f"has {len(row)} fields, the header {len(columns)}"
-                where = f"line {reader.line_num}"
-                raise InputError(path, where, what, remedy if more else "complete the row")
-            if rows:  # what a pose repeats in each of its rows is kept once
-                row = [old if old == new else new for old, new in zip(rows[-1], row, strict=True)]
-            rows.append(row)
-            lines.append(reader.line_num)
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
-    except csv.Error as error:
-        where, remedy = f"line {reader.line_num}", "check the quotation marks"
-        raise InputError(path, where, f"is no CSV ({error})", remedy) from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
-    if not rows:
-        raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
-    return CsvTable(path, columns, rows, lines, remedy)
 
 
 def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) -> tuple[str, ...]:
@@ -164,11 +159,8 @@ def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) ->
 
 
 def _how_to_name(name: str, columns: tuple[str, ...], below: list[str]) -> str:
-    """What to do where a column is missing that the header may have under another name.
-
-    below : the next line, which names the columns where the first is a title
-    """
-    for mark, called in ((";", "semicolons"), ("\t", "tabs"), (" ", "blanks")):
+    """What to do where a column is missing that the header, or the next line, may have."""
+    for mark, called in _MARKS.items():
         if name in (own.strip() for own in ",".join(columns).split(mark)):
             return f"the columns are separated by {called}: save it with commas and decimal points"
     if name in (own.strip() for own in below):
@@ -184,9 +176,7 @@ def _how_to_name(name: str, columns: tuple[str, ...], below: list[str]) -> str:
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """The text of a CSV table."""
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    csv.writer(out, lineterminator="\n").writerows([header, *rows])
     return out.getvalue()
 
 

@@ -28,25 +28,21 @@ _SHOWN = 4
 
 def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
     """Refuse readings that bear the cell's payload as their wrench. Raises InputError."""
-    loaded = poses.take(poses.wrench.any(axis=1))
-    if not cell.payload.mass or cell.payload.frame != cell.robot.loaded or not len(loaded):
+    loaded, own = poses.take(poses.wrench.any(axis=1)), cell.payload
+    if not own.mass or own.frame != cell.robot.loaded or not len(loaded):
         return
-    free = replace(loaded, wrench=np.zeros_like(loaded.wrench))
-    weight = wrench_with_load(
-        cell.robot, cell.gravity, hung(free, cell.payload.mass, cell.payload.com)
-    )
+    free = hung(replace(loaded, wrench=np.zeros_like(loaded.wrench)), own.mass, own.com)
+    weight = wrench_with_load(cell.robot, cell.gravity, free)
+    off, size = ((a[:, :3], a[:, 3:]) for a in (loaded.wrench - weight, weight))
     force, moment = (
-        np.linalg.norm((loaded.wrench - weight)[:, own], axis=1)
-        <= _SAME * np.linalg.norm(weight[:, own], axis=1)
-        for own in (slice(0, 3), slice(3, 6))
+        bool((np.linalg.norm(a, axis=1) <= _SAME * np.linalg.norm(b, axis=1)).all())
+        for a, b in zip(off, size, strict=True)
     )
-    if force.all() and (moment.all() or not loaded.wrench[:, 3:].any()):
-        raise InputError(
-            path,
-            "columns of the wrench",
-            f"hold the weight of the cell's [payload], {cell.payload.mass:g} kg, once more",
-            "a load counts once: take [payload] out of the cell, or these columns out of the table",
-        )
+    if force and (moment or not loaded.wrench[:, 3:].any()):
+        what = f"hold the weight of the cell's [payload], {own.mass:g} kg, once more"
+        remedy = "take [payload] out of the cell, or these columns out of the table"
+        where = "columns of the wrench"
+        raise InputError(path, where, what, f"a load counts once: {remedy}")
 
 
 def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) -> Measurements:
@@ -60,22 +56,24 @@ def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) 
     if len(cell.instruments) != 1 or not isinstance(instrument, Tracker):
         return data
     pairs, alike = _same(data)
-    chance = _by_chance(table, instrument, data)[pairs[:, 1]] if len(pairs) else np.zeros(0)
-    warnings, keep = [], np.ones(len(data), dtype=bool)
+    if not len(pairs):
+        return data
+    chance = _by_chance(table, instrument, data)[pairs[:, 1]]
     stuck = pairs[~alike & (chance * len(data) ** 2 < _CHANCE)]
+    copied = pairs[alike] if alike.any() and _too_many(data, chance[alike]) else pairs[:0]
+    warnings = [*data.warnings]
     if len(stuck):
         warnings.append(
             f"{path}: the points of {_named(data, stuck)} are equal to the last digit, but the "
             "joints are not: the instrument stuck, or rows were copied; measure these poses again"
         )
-    if alike.any() and _too_many(data, int(alike.sum()), float(chance[alike].max())):
-        keep[pairs[alike, 1]] = False
+    if len(copied):
         warnings.append(
-            f"{path}: {_named(data, pairs[alike])} are equal to the last digit: copies, and the "
+            f"{path}: {_named(data, copied)} are equal to the last digit: copies, and the "
             "second of each is left out; give only what was measured"
         )
-    kept = data if keep.all() else data.take(keep)
-    return replace(kept, warnings=(*data.warnings, *warnings))
+    kept = ~np.isin(np.arange(len(data)), copied[:, 1])
+    return replace(data.take(kept), warnings=tuple(warnings))
 
 
 def _named(data: Measurements, pairs: IntArray) -> str:
@@ -118,11 +116,12 @@ def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Arra
     return np.asarray(each.prod(axis=(1, 2)))
 
 
-def _too_many(data: Measurements, equal: int, chance: float) -> bool:
+def _too_many(data: Measurements, chance: Array) -> bool:
     """Whether more readings at equal joints are equal than an instrument with noise would repeat."""
     from scipy.special import betainc
 
     _, counts = np.unique(data.poses.repeated, return_counts=True)
+    equal = len(chance)
     again = max(int((counts - 1).sum()), equal)
     # So many or more of ``again`` by chance: the tail of a binomial distribution.
-    return bool(betainc(equal, again - equal + 1, chance) < _CHANCE)
+    return bool(betainc(equal, again - equal + 1, float(chance.max())) < _CHANCE)

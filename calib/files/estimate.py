@@ -25,7 +25,6 @@ from calib.scatter import Owner, Variances
 _LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970
 _LARGEST_SQUARE = _LARGEST_VALUE**2  # a spring that nothing showed has a variance of 1e10
-_KEY = ("effect", "where", "name")
 
 Key: TypeAlias = tuple[str, ...]
 """Effect, where and name of a parameter."""
@@ -49,33 +48,27 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
         remedy = "write it with identify --json or diagnose --json"
         raise InputError(path, "", "holds no estimate", remedy)
     try:
-        keys = [tuple(str(p[key]) for key in _KEY) for p in entry["parameters"]]
+        keys = [
+            tuple(str(p[key]) for key in ("effect", "where", "name")) for p in entry["parameters"]
+        ]
         values = _numbers([p["value_SI"] for p in entry["parameters"]])
-        cov = _numbers(entry["covariance_SI"], _LARGEST_SQUARE).reshape(len(values), len(values))
-        start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
-        if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
-            raise ValueError
         clock = str(entry["session_clock"])
-        source = str(entry["unexplained"]["source"])
-        discrepancy = ModelDiscrepancy(float(unexplained) * 1e-3, source)
-        variances, owner = _variances(cell, entry["scatter_SI"])
-        trend = entry.get("trend_SI")
-        if trend is not None:
-            trend = _numbers(trend, _LARGEST_SQUARE).reshape(cov.shape)
-        converged = entry["converged"] is True
-        undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise InputError(path, "estimate", "is damaged", "write the result again") from None
+        raise _damaged(path) from None
     try:
         model = _model(cell, keys, values, clock)
     except CalibError as error:
         what = f"is not of this cell: {error}"
         raise InputError(path, "estimate", what, "give the cell that it was made with") from None
-    notes = (*notes, *_changed(cell, path, result))
-    return Estimate(
-        model, values, cov, float(start), discrepancy, undetermined, notes, converged, variances,
-        clock, owner, trend,
-    )  # fmt: skip
+    try:
+        estimate = _estimate(cell, model, values, entry)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise _damaged(path) from None
+    return replace(estimate, notes=(*estimate.notes, *_changed(cell, path, result)))
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(path, "estimate", "is damaged", "write the result again")
 
 
 def _json_object(path: Path) -> dict[str, Any]:
@@ -94,22 +87,42 @@ def _numbers(entries: Any, largest: float = _LARGEST_VALUE) -> Array:
     return values
 
 
+def _estimate(cell: Cell, model: Model, values: Array, entry: dict[str, Any]) -> Estimate:
+    """The estimate of an entry. Raises KeyError, TypeError, ValueError, OverflowError."""
+    square = (len(values), len(values))
+    cov = _numbers(entry["covariance_SI"], _LARGEST_SQUARE).reshape(square)
+    start, unexplained = _numbers([entry["session_start_s"], entry["unexplained"]["rms_mm"]])
+    if (np.diag(cov) < 0.0).any() or unexplained < 0.0:
+        raise ValueError
+    variances, owner = _variances(cell, entry["scatter_SI"])
+    undetermined, notes = (tuple(map(str, entry[key])) for key in ("undetermined", "notes"))
+    discrepancy = ModelDiscrepancy(float(unexplained) * 1e-3, str(entry["unexplained"]["source"]))
+    trend = entry.get("trend_SI")
+    if trend is not None:
+        trend = _numbers(trend, _LARGEST_SQUARE).reshape(square)
+    return Estimate(
+        model, values, cov, float(start), discrepancy, undetermined, notes,
+        entry["converged"] is True, variances, str(entry["session_clock"]), owner, trend,
+    )  # fmt: skip
+
+
 def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:
     """What errs as a whole, and whose it is. Raises KeyError, ValueError."""
     if entry is None:
         return None, "undecided"
     found = [_numbers(entry[key], _LARGEST_SQUARE) for key in ("approach", "configuration")]
-    if any(v.shape != (cell.robot.dof + 2,) or (v < 0.0).any() for v in found):
-        raise ValueError
     of: Owner = entry["configuration_of"]
-    if of not in get_args(Owner):
+    wrong = any(v.shape != (cell.robot.dof + 2,) or (v < 0.0).any() for v in found)
+    if wrong or of not in get_args(Owner):
         raise ValueError
     return Variances(1.0, *found), of
 
 
 def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
     """The model whose parameters these are, in their order. Raises CalibError."""
-    stations = _stations(cell, keys)
+    still = {instrument.name for instrument in cell.instruments if not instrument.has_stations}
+    placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
+    stations = tuple(dict.fromkeys(placed)) or ("base",)
     context = replace(context_of(cell, None), stations=stations, clock_unit=clock)
     effects: list[Effect] = []
     for kind, where in dict.fromkeys((kind, where) for kind, where, _ in keys):
@@ -123,13 +136,6 @@ def _model(cell: Cell, keys: list[Key], values: Array, clock: str) -> Model:
     if list(model.keys) != keys:
         raise CalibError("its parameters are not those of the effects here")
     return model
-
-
-def _stations(cell: Cell, keys: list[Key]) -> tuple[str, ...]:
-    """The stations of the data behind the result."""
-    still = {instrument.name for instrument in cell.instruments if not instrument.has_stations}
-    placed = (where for kind, where, _ in keys if kind == "base" and where not in still)
-    return tuple(dict.fromkeys(placed)) or ("base",)
 
 
 def _changed(cell: Cell, path: Path, result: dict[str, Any]) -> list[str]:

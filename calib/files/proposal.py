@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from calib.arm.robot import Convention, Form, Robot, odd_limits
 from calib.arrays import Mask
 from calib.errors import InputError
-from calib.files.mjcf import compiled
+from calib.files.mjcf import mjcf_tree
 from calib.files.read import read_bytes, read_xml
 from calib.files.robot import load_robot
-from calib.files.urdf import Urdf
+from calib.files.tree import Joint, Tree
+from calib.files.urdf import urdf_tree
 
 _LARGEST_FILE = 100_000_000  # bytes
 _TIPS = ("tool0", "tcp", "tool", "ee", "eef", "end_effector", "attachment", "flange")
@@ -65,48 +64,41 @@ def propose(
     Raises InputError.
     """
     head = read_bytes(path, _LARGEST_FILE).removeprefix(b"\xef\xbb\xbf").lstrip()[:1]
-    notes, moving = tuple[str, ...](), tuple[str, ...]()
-    form: Form = "dh"
-    if head == b"<":
-        if convention is not None:
-            raise InputError(path, "", "is no DH table", "leave --dh out")
-        root = read_xml(path, "URDF or MJCF")
-        form = _form_of(path, root)
-        tree = _mjcf_tree(compiled(path)[2]) if form == "mjcf" else _urdf_tree(Urdf(path, root))
-        moving = tuple(joint for own in tree.all() for joint in own.joints)
-        first, last, chosen = _ends_of(path, tree)
-        base, tip, notes = base or first, tip or last, () if tip else chosen
-    elif path.suffix.lower() in (".yaml", ".yml"):
-        raise InputError(path, "", "is no URDF, MJCF or DH table", "take the maker's URDF")
-    elif path.suffix.lower() == ".conf":
-        remedy = "take the URDF that the maker's ROS package writes from it"
-        raise InputError(path, "", "is a controller's calibration", remedy)
-    elif convention is None:
-        what = "does not tell the convention of its DH table, which makes another arm of it"
-        raise InputError(path, "", what, "add --dh classic or --dh modified")
-    robot = load_robot(form, path, base, tip, convention, others)
-    held = tuple(joint for joint in moving if joint not in (*robot.joints, *robot.told))
-    notes += tuple(f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
-    return Proposal(robot, held, notes, tuple(_lacks(robot)))
+    if head != b"<":
+        if convention is None:
+            what = "is no URDF or MJCF, and a DH table does not tell its convention"
+            raise InputError(path, "", what, "add --dh classic or --dh modified")
+        robot = load_robot("dh", path, base, tip, convention, others)
+        return Proposal(robot, (), (), tuple(_lacks(robot)))
+    if convention is not None:
+        raise InputError(path, "", "is no DH table", "leave --dh out")
+    tree = _tree_of(path)
+    first, last, notes = _ends_of(tree)
+    robot = load_robot(tree.source.form, path, base or first, tip or last, None, others)
+    known = (*robot.joints, *robot.told)
+    held = (joint.name for joint in tree.joints if joint.kind != "fixed")
+    follow = (f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
+    notes = (*(() if tip else notes), *follow)
+    return Proposal(robot, tuple(j for j in held if j not in known), notes, tuple(_lacks(robot)))
 
 
-def _form_of(path: Path, root: Element) -> Form:
+def _tree_of(path: Path) -> Tree:
+    root = read_xml(path, "URDF or MJCF")
     if root.tag == "mujoco":
-        return "mjcf"
+        return mjcf_tree(path)[0]
     if root.tag != "robot":
         what = "is neither a URDF (<robot>) nor an MJCF (<mujoco>)"
         raise InputError(path, f"<{str(root.tag)[:40]}>", what)
-    tags = [e.tag for e in root.iter() if isinstance(e.tag, str)]
-    expressions = any("${" in value for e in root.iter() for value in e.attrib.values())
-    if expressions or any(tag.startswith("{") and "xacro" in tag for tag in tags):
+    xacro = any(isinstance(e.tag, str) and "xacro" in e.tag.partition("}")[0] for e in root.iter())
+    if xacro or any("${" in value for e in root.iter() for value in e.attrib.values()):
         what = "is a xacro file, which makes a URDF but is none"
         raise InputError(path, "", what, f"expand it first: xacro {path.name} > robot.urdf")
-    return "urdf"
+    return urdf_tree(path, root)
 
 
 def _lacks(robot: Robot) -> Iterator[str]:
     """What the file does not say, and what to do."""
-    source = str(robot.source)
+    source, unread = str(robot.source), robot.shapes.unread
 
     def named(chosen: Mask) -> str:
         return ", ".join(np.array(robot.joints)[chosen])
@@ -125,7 +117,7 @@ def _lacks(robot: Robot) -> Iterator[str]:
         )
     elif light := named(~robot.masses.astype(bool)):
         yield f"no mass beyond {light} in the {source}: its weight counts as none"
-    if unread := robot.shapes.unread if robot.source.form == "urdf" else ():
+    if unread and robot.source.form == "urdf":
         more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
         yield (
             f"no shape of {unread[0]}{more}: no collision is checked there; put the meshes "
@@ -133,117 +125,86 @@ def _lacks(robot: Robot) -> Iterator[str]:
         )
 
 
-# -- where an arm begins and ends ----------------------------------------------------------------
+# -- where an arm begins and ends ------------------------------------------------------------------
 
 
-@dataclass(eq=False)
-class _Node:
-    """A link, body or site, the joints that move it, and the most joints in a row from here on."""
-
-    name: str
-    joints: tuple[str, ...] = ()
-    children: list[_Node] = field(default_factory=list)
-    longest: int = 0
-
-    def all(self, rigid: bool = False) -> list[_Node]:
-        """The node and all that hangs on it, parents first; rigid : without a joint."""
-        nodes = [self]
-        for node in nodes:  # grows
-            nodes += [own for own in node.children if not (rigid and own.joints)]
-        return nodes
-
-    def measured(self) -> _Node:
-        """Itself, once all that hangs on it knows its longest row."""
-        for node in reversed(self.all()):
-            node.longest = len(node.joints) + max((c.longest for c in node.children), default=0)
-        return self
-
-
-def _urdf_tree(urdf: Urdf) -> _Node:
-    """The first link of the longest row. Raises InputError where links hang in a circle."""
-    nodes, hung = {name: _Node(name) for name in urdf.links}, set[str]()
-    for joint in urdf.joints.values():
-        if {joint.parent, joint.child} <= nodes.keys():
-            hung.add(joint.child)
-            nodes[joint.parent].children.append(nodes[joint.child])
-            nodes[joint.child].joints = (joint.name,) if joint.moves else ()
-    roots = [node.measured() for name, node in nodes.items() if name not in hung]
-    if not roots:
-        remedy = "links must hang on one that hangs on none"
-        raise InputError(urdf.path, "", "has no first link", remedy)
-    return max(roots, key=lambda node: node.longest)
-
-
-def _mjcf_tree(model: Any) -> _Node:
-    """The world, with bodies and sites."""
-    nodes = [_Node(model.body(b).name) for b in range(model.nbody)]
-    for j in range(model.njnt):
-        nodes[int(model.jnt_bodyid[j])].joints += (model.joint(j).name,)
-    for b, node in enumerate(nodes[1:], 1):
-        nodes[int(model.body_parentid[b])].children.append(node)
-    for s in range(model.nsite):
-        nodes[int(model.site_bodyid[s])].children.append(_Node(model.site(s).name))
-    return nodes[0].measured()
-
-
-def _ends_of(path: Path, root: _Node) -> tuple[str, str, tuple[str, ...]]:
+def _ends_of(tree: Tree) -> tuple[str, str, tuple[str, ...]]:
     """Base and tip, and what a reader should know of the choice.
 
     Follow the longest row of joints, past a head or wheels, up to a hand: where several rows part that
     have no more joints than the way to them, these are fingers. A row ends before the first joint that
     is named as one that opens a gripper.
 
-    Raises InputError where no joint moves.
+    Raises InputError where no joint moves, and where links hang in a circle.
     """
-    way, start, taken, notes = [root], 0, 0, list[str]()
-    while moving := [child for child in way[-1].children if child.longest]:
-        chosen, *others = sorted(moving, key=lambda child: -child.longest)
-        if others and chosen.longest <= taken:
+    hung = {joint.child for joint in tree.joints}
+    order = [link for link in tree.links if link not in hung]
+    roots, rows = [*order], dict[str, int]()
+    for link in order:  # grows
+        order += [joint.child for joint in tree.below[link] if joint.child in tree.below]
+    for link in reversed(order):
+        onward = (rows.get(j.child, 0) + j.moves for j in tree.below[link])
+        rows[link] = max(onward, default=0)
+    if not any(rows.values()):
+        what = "has no moving joint on a link that hangs on none"
+        raise InputError(tree.path, "", what, "is it the file of an arm?")
+    links, way, start, notes = (
+        [max(roots, key=lambda root: rows[root])],
+        list[Joint](),
+        0,
+        list[str](),
+    )
+    while rows[links[-1]]:
+        beyond = {j: rows.get(j.child, 0) + j.moves for j in tree.below[links[-1]]}
+        chosen, *rest = sorted((j for j in beyond if beyond[j]), key=lambda j: -beyond[j])
+        taken = sum(joint.moves for joint in way)
+        if rest and beyond[chosen] <= taken:
             break
-        if rivals := [_first_joint(own) for own in others if own.longest == chosen.longest]:
+        if rivals := [_first(tree, j) for j in rest if beyond[j] == beyond[chosen]]:
             notes.append(
-                f"arms of one length part at {way[-1].name!r}: took that of {_first_joint(chosen)}, "
-                f"not of {', '.join(rivals)}; --tip takes another; one --tip for each arm takes all"
+                f"arms of one length part at {links[-1]!r}: took that of {_first(tree, chosen)}, not "
+                f"of {', '.join(rivals)}; --tip takes another; one --tip for each arm takes all"
             )
-        start = len(way) - 1 if others and not taken else start
+        start = len(links) - 1 if rest and not taken else start
+        links.append(chosen.child)
         way.append(chosen)
-        taken += len(chosen.joints)
-    row = [node for node in way if node.joints]
-    if not row:
-        raise InputError(path, "", "has no moving joint", "is it the file of an arm?")
-    gripping = [any(map(_opens, node.joints)) for node in row]
-    arm = row[: gripping.index(True)] if any(gripping) and not gripping[0] else row
+    row = [joint for joint in way if joint.moves]
+    opens = [bool(_OPENS.search(n) and not _TURNS.search(n)) for n in (j.name.lower() for j in row)]
+    arm = row[: opens.index(True)] if any(opens) and not opens[0] else row
     if left := row[len(arm) :]:
-        names = ", ".join(joint for own in left for joint in own.joints)
-        within = f". To include it: --tip {left[-1].name}" if left[-1].name else ""
-        notes.append(f"{names} moves a gripper and is left out{within}")
-    return _base(way[start : way.index(row[0])]), _tip(path, arm[-1]), tuple(notes)
+        names = ", ".join(joint.name for joint in left)
+        within = f"To include it: --tip {left[-1].child}"
+        notes.append(f"{names} moves a gripper and is left out. {within}")
+    before = links[start : links.index(arm[0].parent) + 1]
+    return _base(tree, before), _tip(tree, arm[-1].child), tuple(notes)
 
 
-def _first_joint(node: _Node) -> str:
-    return next(own.joints[0] for own in node.all() if own.joints) or "?"
+def _first(tree: Tree, joint: Joint) -> str:
+    """The first joint that moves on a way."""
+    row = [joint]
+    for own in row:  # grows
+        row += [] if own.moves else tree.below[own.child]
+    return next((own.name for own in row if own.moves), "") or "?"
 
 
-def _opens(joint: str) -> bool:
-    return bool(_OPENS.search(joint.lower())) and not _TURNS.search(joint.lower())
-
-
-def _base(before: list[_Node]) -> str:
-    names = [node.name for node in before if node.name]
+def _base(tree: Tree, before: list[str]) -> str:
+    names = [name for name in before if name in tree.named]
     called = [name for name in names if re.search(r"(^|_)base_link$", name)]
     solid = [name for name in names if not _GROUND.search(name.lower())]
-    return (called or solid or names[-1:])[0]
+    return (called or solid or names[-1:] or tree.named)[0]
 
 
-def _tip(path: Path, last: _Node) -> str:
+def _tip(tree: Tree, last: str) -> str:
     """What is named like a tool, else the end of the one rigid line."""
-    rigid = last.all(rigid=True)
+    rigid = [last]
+    for link in rigid:  # grows
+        rigid += [j.child for j in tree.below[link] if not j.moves and j.child in tree.named]
     for word in _TIPS:
-        for node in rigid:
-            if re.search(rf"(^|[_-]){word}($|[_-])", node.name.lower()):
-                return node.name
-    while len(last.children) == 1 and last.children[0] in rigid and last.children[0].name:
-        last = last.children[0]
-    if not last.name:
-        raise InputError(path, "", "its last body has no name", "name it, or give --tip")
-    return last.name
+        for link in rigid:
+            if re.search(rf"(^|[_-]){word}($|[_-])", link.lower()):
+                return link
+    while len(tree.below[last]) == 1 and tree.below[last][0].child in rigid:
+        last = tree.below[last][0].child
+    if last not in tree.named:
+        raise InputError(tree.path, "", "its last body has no name", "name it, or give --tip")
+    return last

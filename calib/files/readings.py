@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import SIGMAS, UNITS, column_of, titles
 from calib.files.csv_table import CsvTable
 from calib.instruments import Instrument
 
-Sites = np.ndarray[tuple[int], np.dtype[np.str_]]
-"""Names of places, one for each pose."""
 _MOST_NAMED = 12
 _FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
@@ -110,7 +108,7 @@ def _own_sigma(table: CsvTable, instrument: Instrument, rows: IntArray, alone: b
     return sigma
 
 
-def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Sites | None:
+def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> TextArray | None:
     """Which place of an instrument with sites each pose touches, shape (m,); None without any.
 
     pose : ndarray of int, shape (rows,), of each row; first : ndarray of int, shape (m,), rows
@@ -131,19 +129,19 @@ def sites_of(table: CsvTable, cell: Cell, pose: IntArray, first: IntArray) -> Si
 
 
 def _numbers(table: CsvTable, instrument: Instrument, rows: IntArray) -> Array:
-    """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold."""
+    """Numbers of an instrument's rows, shape (rows, k), SI: those that its columns hold.
+
+    An optional column, which may have empty fields, is the only one of its instrument.
+    """
     columns = reading_columns(table.path, instrument, table.columns)
-    numbers, blank = (
-        np.zeros((len(rows), len(columns))),
-        any(c.optional for c in instrument.columns),
-    )
+    numbers = np.zeros((len(rows), len(columns)))
     for k, (name, scale) in enumerate(columns):
-        text = table.text(name)
-        given = rows[[bool(text[row]) for row in rows]] if blank else rows
-        numbers[np.isin(rows, given), k] = table.numbers(name, given) * scale
-    # An optional column is the only one of its instrument.
-    length = np.array([c.quantity == "length" for c in instrument.columns], bool)
-    length = length[: len(columns)]
+        given = np.ones(len(rows), dtype=bool)
+        if any(column.optional for column in instrument.columns):
+            text = table.text(name)
+            given = np.array([bool(text[row]) for row in rows])
+        numbers[given, k] = table.numbers(name, rows[given]) * scale
+    length = np.array([c.quantity == "length" for c in instrument.columns], bool)[: len(columns)]
     for at, k in np.argwhere((np.abs(numbers) > _FARTHEST) & length)[:1].tolist():
         row, name = int(rows[at]), columns[k][0]
         what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
@@ -179,13 +177,11 @@ def _unknown(cell: Cell, name: str) -> tuple[str, str]:
     if board != name and points:
         return f"{name!r} is no point of [boards.{board}]", _listed("its points are", points)
     boards = dict.fromkeys(n.partition(":")[0] for n in cell.read_names if ":" in n)
-    single = [own for own in cell.read_names if ":" not in own]
     tables = [f"[boards.{own}]" for own in boards]
-    if single or not boards:
+    if not boards or any(":" not in own for own in cell.read_names):
         tables = ["[markers_mm]", *["[bodies]"] * bool(cell.bodies), *tables]
-    return f"{name!r} is not in the cell's {' or '.join(tables)}", _listed(
-        "markers are", cell.read_names
-    )
+    known = _listed("markers are", cell.read_names)
+    return f"{name!r} is not in the cell's {' or '.join(tables)}", known
 
 
 def _listed(what: str, names: Sequence[str]) -> str:

@@ -30,7 +30,7 @@ def load_robot(
 
     Raises InputError.
     """
-    if form == "dh" and others:
+    if convention is not None and others:
         what, remedy = f"has one tip, and {others[0]!r} is another", "write the robot as a URDF"
         raise InputError(path, "", what, f"{remedy} or MJCF to have things on several links")
     if convention is not None:
@@ -41,7 +41,6 @@ def load_robot(
     for name, length in zip((*robot.joints, *robot.tips), lengths, strict=True):
         if length > _FARTHEST:
             what = f"is {length:.4g} m from the frame before"
-            remedy = f"if these are millimetres, write {length / 1e3:.4g}"
-            where = f"origin of {name}"
-            raise InputError(path, where, what, f"the file counts metres: {remedy}")
+            remedy = f"the file counts metres: if these are millimetres, write {length / 1e3:.4g}"
+            raise InputError(path, f"origin of {name}", what, remedy)
     return robot

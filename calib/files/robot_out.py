@@ -15,13 +15,12 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, fit_rigid, rpy_from_rotation, transform, transformed
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
-from calib.effects.base import Base
 from calib.effects.protocol import Constant
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import InputError
 from calib.files.csv_table import columns_text
 from calib.files.robot import load_robot
-from calib.files.urdf import Urdf
+from calib.files.urdf import read_urdf, urdf_tree
 from calib.model import Model
 
 _MARKER = "marker_"  # how links of markers begin
@@ -60,8 +59,8 @@ def corrected_robot(
     if robot.source.form == "mjcf":  # limits as in the file
         robot = load_robot("mjcf", source, robot.base, robot.tip)
     lack = f"is made anew from the {cell.robot.source}: the bare chain, without shapes and moments"
-    urdf = Urdf(target, _bare_chain(robot))
-    return Written(_corrected(urdf, robot, corrections, markers), (f"{lack} of inertia",))
+    text = corrected_urdf(target, robot, corrections, markers, root=_bare_chain(robot))
+    return Written(text, (f"{lack} of inertia",))
 
 
 def not_rigid(model: Model) -> list[str]:
@@ -74,8 +73,9 @@ def corrected_urdf(
     source: str | Path,
     robot: Robot,
     corrections: Array,
-    markers: dict[str, Array],
+    markers: Mapping[str, Array],
     links: Mapping[str, str] | None = None,
+    root: Element | None = None,
 ) -> str:
     """The text of a URDF whose joint origins carry the identified geometry.
 
@@ -84,39 +84,31 @@ def corrected_urdf(
         :class:`~calib.arm.robot.Robot`; that of the base is not part of the robot and is ignored
     markers : dict, name -> ndarray, shape (3,), m, tip frame: written as links ``marker_<name>``
     links : dict, name -> the tip on which a marker rides; all on ``robot.tip`` without
+    root : Element, in place of the file's; it is changed
 
     A tip's displacement goes into the fixed joint that carries it alone, or into the markers on it
     where there is none.
     """
-    return _corrected(Urdf.read(Path(source)), robot, corrections, markers, links)
-
-
-def _corrected(
-    urdf: Urdf,
-    robot: Robot,
-    corrections: Array,
-    markers: Mapping[str, Array],
-    links: Mapping[str, str] | None = None,
-) -> str:
-    chain = urdf.chain(robot.base, robot.tip, robot.others)
-    moved = displacement(corrections[1:])
-    before, n = {joint.child: joint for joint in chain}, robot.dof
+    root = read_urdf(Path(source)) if root is None else root
+    chain = urdf_tree(Path(source), root).chain(robot.base, robot.tip, robot.others)
+    moved, n = displacement(corrections[1:]), robot.dof
+    before = {joint.child: joint for joint in chain}
     passed = {robot.base, *(joint.parent for joint in chain)}
     written = dict(zip((joint for joint in chain if joint.moves), moved[:n], strict=True))
     placed = dict(zip(robot.tips, moved[n:], strict=True))
     for tip, D in placed.items():
         if tip not in passed and not before[tip].moves:
             written[before[tip]], placed[tip] = D, np.eye(4)
+    elements = {element.get("name"): element for element in root.findall("joint")}
     for joint, D in written.items():
-        _write_origin(joint.element, urdf.origin_of(joint) @ D)
-    root, on = urdf.root, links or dict.fromkeys(markers, robot.tip)
+        _write_origin(elements[joint.name], joint.origin @ D)
     for element in [e for e in root if e.get("name", "").startswith(_MARKER)]:
         root.remove(element)  # of an earlier correction
     for name, position in markers.items():
-        T = placed[on[name]]
+        on = (links or {}).get(name, robot.tip)
         SubElement(root, "link", name=_MARKER + name)
-        there = transform(T[:3, :3], transformed(T, position))
-        _joint(root, f"{_MARKER}{name}_mount", "fixed", (on[name], _MARKER + name), there)
+        there = transform(placed[on][:3, :3], transformed(placed[on], position))
+        _joint(root, f"{_MARKER}{name}_mount", "fixed", (on, _MARKER + name), there)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 

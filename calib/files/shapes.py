@@ -1,16 +1,11 @@
-"""Capsules about the collision shapes of a robot's file, one for each shape, and meshes of links."""
+"""Points that span the collision shapes of a robot's file, meshes among them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
-from calib.arm.enclosing import enclosing_capsule
-from calib.arm.robot import Capsule, Place, Shapes
-from calib.arm.se3 import transformed
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_bytes
@@ -19,26 +14,6 @@ _LARGEST_FILE = 200_000_000  # bytes
 _MOST = 1e6  # in the file's unit: no vertex of an arm is as far
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
 _CORNERS = 24  # of the polygon about a circle: 0.9 % too wide
-Span: TypeAlias = tuple[Place, Array, float]
-"""Place of a link, and points (n, 3), m, in its frame with a radius [m] about them."""
-
-
-def shapes_of(joints: Sequence[str], spans: Iterable[Span], unread: list[str]) -> Shapes:
-    """Capsules by the joint that carries them, or ``base``: one about each span.
-
-    unread : shapes that are none of these; may grow while spans are taken
-    """
-    capsules: dict[str, tuple[Capsule, ...]] = {}
-    for (k, T), local, radius in spans:
-        start, end, wide = enclosing_capsule(transformed(T, local))
-        (a, b, c), (d, e, f) = start.tolist(), end.tolist()
-        name = ("base", *joints)[k]
-        capsules[name] = (
-            *capsules.get(name, ()),
-            Capsule((a, b, c), (d, e, f), wide + radius),
-        )
-    return Shapes(capsules, tuple(unread), own=bool(capsules))
-
 
 SHAPES = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 

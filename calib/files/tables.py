@@ -18,11 +18,11 @@ from calib.files.columns import (
     covariates,
     joint_columns,
     joint_values,
-    joint_warnings,
     shared_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
 from calib.files.duplicates import refuse_payload_and_wrench, without_copies
+from calib.files.odd import odd_cell, odd_joints, odd_readings, refuse_radians
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
@@ -48,7 +48,6 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
 
     table = read_table(path, ("pose", "marker"), check)
     q_rows = joint_values(table, cell.robot)
-    warnings.extend(joint_warnings(table, cell.robot, q_rows))
     named = table.names("pose")
     order = {name: i for i, name in enumerate(dict.fromkeys(named))}
     pose_of_row = np.array([order[name] for name in named])
@@ -59,20 +58,22 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     poses = replace(poses, site=sites_of(table, cell, pose_of_row, first))
     refuse_payload_and_wrench(cell, path, poses)
     readings, seen, sigma = readings_of(table, cell, pose_of_row, len(order))
-    shown = set(table.text("marker")) if every_marker else set(cell.read_names)
+    if every_marker:
+        _refuse_unmeasured(table, cell)
+    warnings += [*odd_cell(cell), *odd_joints(table, cell, q_rows)]
+    warnings += odd_readings(path, cell, poses)
+    data = Measurements(poses, readings, seen, sigma, tuple(warnings))
+    return without_copies(table, cell, data, path)
+
+
+def _refuse_unmeasured(table: CsvTable, cell: Cell) -> None:
+    shown = set(table.text("marker"))
     for name in cell.read_names:
         if name in cell.marker_names and ":" not in name and name not in shown:
             table_of = "bodies" if name in cell.bodies else "markers_mm"
             what = f"is in the cell's [{table_of}] and never measured"
-            raise InputError(path, f"marker {name}", what, "measure it or take it out of the cell")
-    repeats = poses.configuration.max() + 1 < len(poses)
-    if cell.load is not None and not poses.wrench.any() and repeats:
-        warnings.append(
-            f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
-            "one is for plans: readings under load need columns fx_N .. mz_Nm"
-        )
-    data = Measurements(poses, readings, seen, sigma, tuple(warnings))
-    return without_copies(table, cell, data, path)
+            remedy = "measure it or take it out of the cell"
+            raise InputError(table.path, f"marker {name}", what, remedy)
 
 
 def _check_poses_agree(table: CsvTable, cell: Cell, pose_of_row: IntArray, first: IntArray) -> None:
@@ -100,8 +101,11 @@ def _load_poses(
             joint_columns(path, cell.robot, columns)
 
     table = read_table(path, required, check)
-    of_tips = tips and is_cartesian(cell.robot, table.columns)
-    q = (tip_joints if of_tips else joint_values)(table, cell.robot)
+    if tips and is_cartesian(cell.robot, table.columns):
+        q = tip_joints(table, cell.robot)
+    else:
+        q = joint_values(table, cell.robot)
+        refuse_radians(table, cell.robot, q)
     rows = np.arange(len(q))
     given = covariates(table, cell.robot, rows)
     if "pose" in table.columns:

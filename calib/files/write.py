@@ -16,17 +16,18 @@ from calib.errors import InputError
 
 def check_target(path: Path) -> None:
     """Refuse what cannot become a file. Raises InputError."""
-    if "\0" in str(path):
-        raise InputError(path, "", "cannot be written (no name of a file)", "name another")
+    what, remedy = "", "name another"
     try:
-        if path.is_dir():
-            raise InputError(path, "", "cannot be written (is a folder)", "name a file in it")
-        if not path.parent.is_dir():
-            what = "cannot be written (no such folder)"
-            raise InputError(path, "", what, "make the folder first")
+        if "\0" in str(path):
+            what = "no name of a file"
+        elif path.is_dir():
+            what, remedy = "is a folder", "name a file in it"
+        elif not path.parent.is_dir():
+            what, remedy = "no such folder", "make the folder first"
     except OSError as error:  # a name too long
-        what = f"cannot be written ({error.strerror})"
-        raise InputError(path, "", what, "name another") from None
+        what = str(error.strerror)
+    if what:
+        raise InputError(path, "", f"cannot be written ({what})", remedy)
 
 
 def make_folder(folder: Path) -> None:
@@ -41,9 +42,8 @@ def make_folder(folder: Path) -> None:
 def write_files(contents: Mapping[Path, str | bytes]) -> None:
     """Write several files, all or none: every content is on disk before the first is renamed.
 
-    Text is written as UTF-8 with its line ends as they are, bytes unchanged.
-
-    A link is followed: the file that it names is replaced.
+    Text is written as UTF-8 with its line ends as they are, bytes unchanged. A link is followed: the
+    file that it names is replaced.
 
     Raises InputError where a folder is missing, read-only or full; existing files stay whole.
     """
@@ -97,6 +97,4 @@ def _plain(value: Any) -> Any:
         return [_plain(v) for v in value]
     if hasattr(value, "tolist"):
         return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -44,8 +44,7 @@ def joint_header(robot: Robot, q: Array | None = None) -> list[str]:
 def _joint_texts(robot: Robot, q: Array) -> dict[str, list[str]]:
     """Numbers of each of these columns, of joint values (m, n)."""
     header = joint_header(robot, q)
-    columns = joint_columns(Path(), robot, tuple(header))
-    each = zip(columns, q.T, strict=True)
+    each = zip(joint_columns(Path(), robot, tuple(header)), q.T, strict=True)
     texts = {c.name: _numbers(c.numbers(own)) for c, own in each if c is not None}
     return {name: texts[name] for name in header}
 
@@ -118,8 +117,7 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
         signs = zip(robot.joints, poses.approach.T, strict=True)
         columns |= {f"approach_{joint}": _numbers(own, ".0f") for joint, own in signs}
     if poses.motion is not None and poses.motion_told:
-        blank = CsvTable(Path(), (), [], [])
-        moves = zip(motion_columns(blank, robot).items(), poses.motion.T, strict=True)
+        moves = zip(motion_columns((), robot).items(), poses.motion.T, strict=True)
         columns |= {name: _numbers(own / scale) for (name, scale), own in moves}
     if len(poses.stations) > 1:
         columns["station"] = [poses.stations[i] for i in poses.station]
@@ -158,8 +156,8 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
     table : CsvTable, the targets that were compensated
     """
     tips = is_cartesian(cell.robot, table.columns)
-    titles = tuple(joint_header(cell.robot)) if tips else table.columns
-    named = zip(joint_columns(table.path, cell.robot, titles), found.q.T, strict=True)
+    header = tuple(joint_header(cell.robot)) if tips else table.columns
+    named = zip(joint_columns(table.path, cell.robot, header), found.q.T, strict=True)
     joints = {c.name: [f"{value:.9g}" for value in c.numbers(q)] for c, q in named if c is not None}
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.base import Base
-from calib.effects.tool import Body, Tool
+from calib.effects.tool_base import Base, Body, Tool
 from calib.errors import CalibError, TooFewPoses
 from calib.instruments import Tracker
 from calib.model import Model

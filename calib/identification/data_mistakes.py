@@ -14,9 +14,8 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
-from calib.effects.base import Base
 from calib.effects.protocol import Effect
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.model import Model
 from calib.observations.shape import free_components
 from calib.poses import Measurements

@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.identification.outliers import Judgement, judged
 from calib.identification.start import diverged
 from calib.linear import LinearProblem

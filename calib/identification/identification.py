@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arrays import Array, Mask
-from calib.effects.base import Base
 from calib.effects.protocol import Parameter
+from calib.effects.tool_base import Base
+from calib.errors import CalibError
 from calib.identification.estimate import Estimation
 from calib.identification.residuals import Residuals
 from calib.identification.variances import Undetected
@@ -52,6 +54,13 @@ _DERIVED = (
 )
 _SHOWN = 6  # poses named in a warning
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
+
+
+class EstimatedValue(NamedTuple):
+    """A value and its standard deviation, SI; NaN where it was not estimated."""
+
+    value: float
+    std: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -261,6 +270,15 @@ class Identification(Result, Estimation):
             for effect, part in self.model.parts
             if isinstance(effect, Base) and effect.of.has_stations
         }
+
+    def __getitem__(self, name: str) -> EstimatedValue:
+        """A parameter by its id, such as ``geometry:A3.x``. Raises CalibError for another name."""
+        for p, value, std in self._estimates:
+            if p.id == name:
+                return EstimatedValue(value, std)
+        known = [p.id for p in self.model.parameters]
+        close = get_close_matches(name, known, n=1) or known[:1]
+        raise CalibError(f"no parameter {name!r}; there is {close[0]}")
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.effects.base import Base
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import Unsolvable
+from calib.heldout import parted
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimate import Estimation, estimated
 from calib.identification.fit import Method
@@ -48,7 +48,8 @@ def identify(
     cell: Cell,
     data: Measurements,
     *,
-    heldout: Measurements | None = None,
+    heldout: Measurements | float | None = None,
+    rng: np.random.Generator | int = 0,
     approach: Approach = "points",
     method: Method = "joint",
     weighting: Weighting = "full",
@@ -56,7 +57,8 @@ def identify(
 ) -> Identification:
     """Estimate the effects that the cell's model contains.
 
-    heldout : measurements that take no part in the estimate and are predicted with it
+    heldout : measurements that take no part in the estimate and are predicted with it, or the share of
+        the configurations that does not, drawn by ``rng``, a generator or the seed of one
     approach : "points" (marker coordinates, the paper's #2) or "pose" (position and orientation from
         the markers of each pose, #1)
     method : "joint" (all parameters at once) or "two-step" (the paper's section III, iterated)
@@ -65,6 +67,7 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
+    data, held = parted(data, heldout, rng)
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
     with_sizes = cell.size_prior == "estimated"
@@ -100,7 +103,7 @@ def identify(
         approach=approach,
         absorbed=built.dropped,
         fit=Residuals.of(estimate.model, data, estimate.values, *judgement),
-        heldout=None if heldout is None else predicted(cell, estimate, heldout),
+        heldout=None if held is None else predicted(cell, estimate, held),
         nominal=_nominal(estimate.observation, start),
     )
 

@@ -8,8 +8,7 @@ from calib.arm.kinematics import Frames, forward
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
-from calib.effects.base import Base
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import CalibError
 from calib.instruments import Instrument
 from calib.instruments.protocol import Nominal

@@ -18,10 +18,8 @@ from calib.arrays import Array, IntArray, Mask
 from calib.instruments.keys_table import BodyTable
 from calib.keys import MM, Count, Name, Positive
 
-LEAST_SQUARE, LEAST_MARKER = 10.0, 20.0
-"""px, of a square of a chessboard and of an ArUco marker or AprilTag, across, as OpenCV finds them."""
-
-_MOST, _MOST_TAGS = 10_000, 2500  # corners, tags
+_LEAST_SQUARE, _LEAST_MARKER = 10.0, 20.0  # px across, of what OpenCV finds
+_MOST = 10_000  # corners
 _BEAMS = 5  # lines of sight to a board
 _THIN = 1e-6  # of a square: points that are nearly on one line show no side
 
@@ -50,16 +48,11 @@ class Board:
 
         Few enough to ask what hides them: the middle one, and each the farthest from those before.
         """
-        from_middle = np.linalg.norm(self.points - self.points.mean(axis=0), axis=1)
-        chosen = [int(from_middle.argmin())]
-        away = np.full(len(self.points), np.inf)
+        away = np.linalg.norm(self.points[:, None] - self.points, axis=2)
+        chosen = [int(np.linalg.norm(self.points - self.points.mean(axis=0), axis=1).argmin())]
         while len(chosen) < min(_BEAMS, len(self.points)):
-            last = np.linalg.norm(self.points - self.points[chosen[-1]], axis=1)
-            away = np.minimum(away, last)
-            chosen.append(int(away.argmax()))
-        nearest = np.argmin(
-            np.linalg.norm(self.points[:, None] - self.points[chosen], axis=2), axis=1
-        )
+            chosen.append(int(away[:, chosen].min(axis=1).argmax()))
+        nearest = away[:, chosen].argmin(axis=1)
         for k, one in enumerate(chosen):
             yield np.flatnonzero(nearest == k), one
 
@@ -117,7 +110,7 @@ Anywhere = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 
 
 class BoardTable(BodyTable):
-    """A board: its points one by one, or how they are arranged."""
+    """A board: its points one by one, or the squares of a chessboard."""
 
     on: Name
     """where it is fixed: world, tip, or a link of the robot"""
@@ -129,38 +122,15 @@ class BoardTable(BodyTable):
     """edge of a square"""
     marker_mm: Positive | None = None
     """edge of the markers in the white squares, for a ChArUco board"""
-    tags: tuple[Count, Count] | None = None
-    """instead of squares: tags across and down; their corners are 3_0 .. 3_3"""
-    tag_mm: Positive | None = None
-    """edge of a tag"""
-    gap_mm: Positive | None = None
-    """gap between two tags"""
-    first_tag: Annotated[int, Strict(), Field(ge=0, le=1_000_000)] = 0
-    """number of the first tag"""
-    dictionary: str | None = None
-    """OpenCV's name of the markers or tags, such as DICT_5X5_100"""
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
-        shapes = [bool(self.points_mm), self.squares is not None, self.tags is not None]
-        of_tags = {own is None for own in (self.tags, self.tag_mm, self.gap_mm)}
-        charuco = (self.marker_mm is None, self.dictionary is None)
-        if sum(shapes) != 1:
-            fault = (
-                "needs its shape: either points_mm, or squares and pitch_mm, or tags, tag_mm and "
-            )
-            raise ValueError(fault + "gap_mm")
+        if bool(self.points_mm) == (self.squares is not None):
+            raise ValueError("needs its shape: either points_mm, or squares and pitch_mm")
         if (self.squares is None) != (self.pitch_mm is None):
             raise ValueError("squares and pitch_mm go together")
-        if len(of_tags) > 1:
-            raise ValueError("tags, tag_mm and gap_mm go together")
-        if charuco[0] != charuco[1] and self.tags is None:
-            fault = "marker_mm and dictionary go together: they make squares a ChArUco board"
-            raise ValueError(fault)
         if self.marker_mm is not None and self.marker_mm >= (self.pitch_mm or 0.0):
             raise ValueError("marker_mm belongs to squares, and is smaller than pitch_mm")
-        if self.tags is not None and math.prod(self.tags) > _MOST_TAGS:
-            raise ValueError("tags are as many as the board has, [across, down], at most 2500")
         if self.squares is not None and not 4 <= math.prod(n - 1 for n in self.squares) <= _MOST:
             fault = "squares are as many as the board has, [across, down], with four corners"
             raise ValueError(fault)
@@ -169,20 +139,14 @@ class BoardTable(BodyTable):
     def shape(self) -> tuple[tuple[str, ...], Array]:
         """Names and points (n, 3), m, x to the right and y down as one looks at it.
 
-        Of squares the inner corners, row by row; of tags the corners of each, from its upper left one
-        in the direction of the clock, ``3_0`` the first one of tag 3; else the points as given.
+        Of squares the inner corners, row by row, by OpenCV's numbers; else the points as given.
         """
-        if self.squares is not None:
-            across, down = (n - 1 for n in self.squares)
-            points = _grid(across, down, 1.0) * (self.pitch_mm or 0.0)
-            return tuple(map(str, range(len(points)))), points * MM
-        if self.tags is not None:
-            side = self.tag_mm or 0.0
-            at = _grid(*self.tags, 0.0) * (side + (self.gap_mm or 0.0))
-            corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]) * side
-            names = [f"{self.first_tag + k}_{c}" for k in range(len(at)) for c in range(4)]
-            return tuple(names), (at[:, None] + corners).reshape(-1, 3) * MM
-        return tuple(self.points_mm), np.array(list(self.points_mm.values())) * MM
+        if self.squares is None or self.pitch_mm is None:
+            return tuple(self.points_mm), np.array(list(self.points_mm.values())) * MM
+        across, down = (n - 1 for n in self.squares)
+        at = np.indices((down, across)).reshape(2, -1)[::-1].T + 1.0
+        points = np.column_stack([at, np.zeros(len(at))]) * self.pitch_mm * MM
+        return tuple(map(str, range(len(points)))), points
 
     def board(self, name: str, channels: slice, points: Array, least: int | None) -> Board:
         """The board with the points that are read of it.
@@ -191,14 +155,8 @@ class BoardTable(BodyTable):
             stands, nobody knows which way it faces
         """
         chessboard = self.squares is not None and self.marker_mm is None
-        side = self.pitch_mm if chessboard else self.marker_mm or self.tag_mm
-        square = LEAST_SQUARE if chessboard else LEAST_MARKER
+        side = ((self.pitch_mm if chessboard else self.marker_mm) or 0.0) * MM
+        square = _LEAST_SQUARE if chessboard else _LEAST_MARKER
         every = len(points) if chessboard and self.stated else 1
         least = every if least is None else min(least, len(points))
-        return Board(name, channels, points, (side or 0.0) * MM, square, least, self.stated)
-
-
-def _grid(across: int, down: int, first: float) -> Array:
-    """Places (n, 3) of a grid of pitch one, row by row."""
-    at = np.indices((down, across)).reshape(2, -1)[::-1].T + first
-    return np.column_stack([at, np.zeros(len(at))])
+        return Board(name, channels, points, side, square, least, self.stated)

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field
 
-from calib.arm.se3 import displaced_shape, inverse, moved_as_one, rotate, so3_exp, so3_log
+from calib.arm.se3 import displaced_shape, inverse, moved_as_one, rotate, so3_exp
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.board import Board, BoardTable
 from calib.instruments.keys_table import BodyTable, CellParts, KeysTable
@@ -29,7 +29,7 @@ from calib.instruments.protocol import (
     Unknown,
 )
 from calib.instruments.resection import Mounted, Resected, Ridden, on_tip, resected
-from calib.instruments.riding import CORNERS, by_corners, corners_of, frame_of
+from calib.instruments.riding import CORNERS, by_corners, corners_of, frame_of, twist_of
 from calib.keys import (
     DEG,
     Count,
@@ -104,9 +104,12 @@ class Camera(Instrument):
         return place
 
     @property
-    def prior(self) -> Array:
-        standing = len(self.unknowns) - len(self.free)
-        return np.concatenate([np.full(standing, np.nan), self.believed[self.free]])
+    def belief(self) -> Array:
+        std = np.concatenate(
+            [np.full(len(self.unknowns) - len(self.free), np.nan), self.believed[self.free]]
+        )
+        known = np.isfinite(std)
+        return np.asarray(np.diag(1.0 / np.where(known, std, 1.0))[known])
 
     @property
     def parts(self) -> Mapping[str, slice]:
@@ -151,15 +154,6 @@ class Camera(Instrument):
         by = [by_seen @ seen.by_standing, of_lens, by_own @ by_motion, by_seen @ seen.by_loose]
         return Linear(rows, by_seen @ seen.by_points, np.concatenate(by, axis=-1))
 
-    def viewed(self, points: Array) -> Array | None:
-        """What points (m, C, 3 k), m, base axes, that readings take, show: (m, C, 3), camera axes.
-
-        None where nobody said where it, or its boards, stand.
-        """
-        if self.standing is None:
-            return None
-        return self.sight(self.standing, points, np.zeros(0)).points
-
     @abstractmethod
     def sees_from(self, board: Board, point: int) -> Array | None:
         """The end (3,) in the world, m, base axes, of the line of sight to a point of a board.
@@ -169,9 +163,9 @@ class Camera(Instrument):
 
     def found(self, points: Array) -> Mask:
         """Which of the readings (m, C) count, of points (m, C, 3 k), m, base axes."""
-        viewed = self.viewed(points)
-        if viewed is None:
+        if self.standing is None:
             return np.ones(points.shape[:-1], dtype=bool)
+        viewed = self.sight(self.standing, points, np.zeros(0)).points
         seen = np.asarray(viewed[..., 2] > 0.0)
         if self.image is not None:
             pixels = self.lens.project(viewed)
@@ -229,7 +223,7 @@ class FixedCamera(Camera):
             channels = body.channels
             if not body.known and seen[:, channels].any():
                 markers[channels], told[channels] = body.points @ R.T + t, arm.free[channels]
-        return Start(np.concatenate([places.t, so3_log(places.R), lens]), markers, told)
+        return Start(np.concatenate([twist_of(places.R, places.t), lens]), markers, told)
 
     @property
     def position(self) -> Array | None:
@@ -323,7 +317,7 @@ class ArmCamera(Camera):
         places, lens = self.resected(rows, seen, Mounted(base, bodies, camera, not free))
         corners = corners_of(places.R.T, -places.R.T @ places.t)
         corners = np.tile(corners, (len(arm.markers) // CORNERS, 1))
-        stands = [np.concatenate([t, so3_log(R)]) for R, t in places.bodies]
+        stands = [twist_of(*place) for place in places.bodies]
         markers = np.where(arm.free, corners, arm.markers)
         return Start(np.concatenate([*stands, lens]), markers, arm.free)
 
@@ -347,12 +341,10 @@ class IntrinsicsStd(TomlTable):
 
     def values(self) -> Array:
         """Those of the lens's values, shape (9,), NaN where none is given."""
-        std_of = np.full(len(Lens.names), np.nan)
-        for part, std in zip(FREE.values(), dict(self).values(), strict=True):
-            if std is not None:
-                several = [*std, *std[-1:] * 5] if isinstance(std, list) else [std] * 5
-                std_of[part] = several[: len(std_of[part])]
-        return std_of
+        of_distortion = self.distortion if isinstance(self.distortion, list) else [self.distortion]
+        of_distortion = [*of_distortion, *of_distortion[-1:] * 5][:5]
+        std = [self.focal_px, self.focal_px, self.center_px, self.center_px, *of_distortion]
+        return np.array(std, dtype=float)
 
 
 def _listed(given: list[float]) -> Array:
@@ -360,11 +352,10 @@ def _listed(given: list[float]) -> Array:
     return np.where(known > 0.0, known, np.nan)
 
 
+_List = Annotated[list[NotNegative], Field(min_length=1, max_length=9)]
 _Believed = (
     Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)]
-    | Annotated[
-        Array, Written(Annotated[list[NotNegative], Field(min_length=1, max_length=9)], _listed)
-    ]
+    | Annotated[Array, Written(_List, _listed)]
     | None
 )
 
@@ -414,25 +405,23 @@ class CameraTable(BodyTable, KeysTable):
 
     def instrument(self, name: str, cell: CellParts) -> Camera:
         """One of boards in the world, that it rides before, or of what rides elsewhere than itself."""
-        every = {own: table for own, (table, *_) in cell.boards.items()}
+        every = {board: table for board, (table, *_) in cell.boards.items()}
         seen, carried = self.seen(every), self.rides_before(every)
         reads = [] if carried else [j for j, on in enumerate(cell.links) if on != self.on]
         boards: list[Board] = []
         targets: list[str] = []
         first = len(reads)
-        for own, table in seen.items():
-            _, names, points = cell.boards[own]
+        for board, table in seen.items():
+            _, names, points = cell.boards[board]
             channels = slice(first + len(targets), first + len(targets) + len(points))
-            boards.append(table.board(own, channels, points, self.min_points))
+            boards.append(table.board(board, channels, points, self.min_points))
             targets += names
-            if not carried:
-                reads += range(cell.parts[own].start, cell.parts[own].stop)
-        if carried:
-            reads = [*range(cell.parts[name].start, cell.parts[name].stop)] * len(targets)
+            part = cell.parts[name if carried else board]
+            reads += [*range(part.start, part.stop)] * (len(names) if carried else 1)
         believed = np.full(9, np.nan) if self.intrinsics_std is None else self.intrinsics_std
         free = np.isfinite(believed)
-        for part in self.free:
-            free[FREE[part]] = True
+        for part_of_lens in self.free:
+            free[FREE[part_of_lens]] = True
         return (ArmCamera if carried else FixedCamera)(
             name=name,
             markers=tuple(reads),
@@ -456,7 +445,7 @@ class CameraTable(BodyTable, KeysTable):
     def _standing(self, boards: Sequence[BodyTable], carried: bool) -> Array | None:
         """The place of the camera, or of the boards before which it is carried, if given."""
         still = boards if carried else [self]
-        if not all(own.stated for own in still):
+        if not all(body.stated for body in still):
             return None
-        places = [own.frame if carried else inverse(own.frame) for own in still]
-        return np.concatenate([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in places])
+        places = [body.frame if carried else inverse(body.frame) for body in still]
+        return np.concatenate([twist_of(T[:3, :3], T[:3, 3]) for T in places])

@@ -74,7 +74,7 @@ class Plane(Surface):
             length = float(np.linalg.norm(slope))
             normals += [-normals[0], *([slope / length] if length > 0.0 else [])]
         starts = [np.array([*_tilt(n), n @ middle - d.mean()]) for n in normals]
-        given = [] if self.standing is None else [self.guess]
+        given = [] if self.standing is None else [self.guess_at(self.name)]
         return best(self, rows, seen, arm, np.array([*given, *starts]))
 
 

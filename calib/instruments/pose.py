@@ -26,7 +26,7 @@ from calib.instruments.protocol import (
     ReadingColumn,
     Start,
 )
-from calib.instruments.riding import CORNERS, DIFFERENCES, frame_of
+from calib.instruments.riding import CORNERS, DIFFERENCES, frame_of, twist_of
 from calib.instruments.tracker import Tracker
 from calib.keys import MM, SMALLEST, URAD, Positive, Row
 from calib.noise import Noise
@@ -130,7 +130,7 @@ class Pose(Tracker):
         """Place and bodies by hand-eye calibration of the nominal arm."""
         R, t, corners = hand_eye((rotation_of(rows), rows[..., :3]), seen, arm)
         told = arm.free & np.repeat(np.any(seen, axis=0), CORNERS)[:, None]
-        return Start(np.concatenate([t, so3_log(R)]), corners.reshape(-1, 3), told)
+        return Start(twist_of(R, t), corners.reshape(-1, 3), told)
 
 
 def rotation_of(rows: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What an instrument is: points of the arm become rows of numbers, whose noise is known.
+"""An instrument makes rows of numbers, whose noise is known, from points of the arm.
 
 An instrument reads points at each pose, each of them as a **row** of numbers: three coordinates, two
 pixels, one distance. A reading may take several points of the tip together; three of them fix its
@@ -60,10 +60,7 @@ class ReadingColumn(NamedTuple):
 
 
 class Component(NamedTuple):
-    """One number of an error: its name, the unit shown, and that unit in SI.
-
-    ``<name>_<unit>`` is a field of each residual in the results.
-    """
+    """One number of an error, field ``<name>_<unit>`` of each residual, and its unit in SI."""
 
     name: str
     unit: Literal["mm", "mrad", "px"]
@@ -123,14 +120,6 @@ class Instrument(ABC):
     stationed : whether it may stand elsewhere at other poses, a place for every station
     sought : whether its place is unknown even where the model has no base: nothing else gives it
     touches : whether it reads where the arm meets it alone: its poses are solved for, not drawn
-    unforeseen : what keeps its readings from being foreseen, and what to do; empty where nothing does
-    metric : whether its readings hold a length: without any, an arm of twice the size reads the same
-    anchored : whether the cell says where it stands, whatever else of its place is unknown
-    even : the standard deviation of every number at any place, None where one does not say it all
-    fixed : whether its noise depends on where it stands, and that is given once for all stations
-    position : ndarray, shape (3,), m, base frame, where it stands; None where that is not given
-    parts : what effects may change from pose to pose, by its place in results: these numbers, zero at
-        rest, a place may have after its unknowns
     """
 
     name: str = "instrument"
@@ -173,10 +162,17 @@ class Instrument(ABC):
         """The rows (..., m, C, r) alone."""
         return self.linearise(place, points).rows
 
+    # -- its numbers in a table and in results ---------------------------------------------------
+
     @property
     def numbers(self) -> tuple[Component, ...]:
         """What :meth:`shown` gives, in its order: as many as a reading has that are independent."""
         return tuple(Component(c.name, "mm", 1e-3) for c in self.columns if c.quantity == "length")
+
+    @property
+    def lengths(self) -> IntArray:
+        """Positions in a row of the numbers whose errors are lengths, m."""
+        return np.flatnonzero([number.unit == "mm" for number in self.numbers])
 
     def shown(self, measured: Array, off: Array) -> Array:
         """The error (..., k) of readings (..., r) that are ``off`` (..., r), as people read it, SI."""
@@ -191,15 +187,7 @@ class Instrument(ABC):
         """The way back."""
         return rows
 
-    def found_at(self, place: Array) -> Self:
-        """The same as it is foreseen once its place (u,) is known."""
-        del place
-        return self
-
-    @property
-    def has_stations(self) -> bool:
-        """Whether it stands elsewhere from station to station."""
-        return self.stationed and self.seat is None
+    # -- where it stands and what it sees --------------------------------------------------------
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -211,59 +199,63 @@ class Instrument(ABC):
         return site if site in self.sites else self.name
 
     @property
-    def prior(self) -> Array:
-        """Standard deviations of its place about zero that are known beforehand, (u,), NaN for none."""
-        return np.full(len(self.unknowns), np.nan)
+    def has_stations(self) -> bool:
+        """Whether it stands elsewhere from station to station."""
+        return self.stationed and self.seat is None
 
-    @property
-    def belief(self) -> Array:
-        """The same as rows of unit variance (k, u): each is known about zero."""
-        known = np.isfinite(self.prior)
-        return np.asarray(np.diag(1.0 / np.where(known, self.prior, 1.0))[known])
+    def read_of(self, markers: int) -> IntArray:
+        """Positions of the markers that it reads, of so many."""
+        return np.arange(markers) if self.markers is None else np.array(self.markers, dtype=int)
 
     def guess_at(self, name: str) -> Array:
         """Where the one of its sites that has this name is taken to stand, (u,): known, or zero."""
         del name
         return np.zeros(len(self.unknowns))
 
-    @property
-    def guess(self) -> Array:
-        """The same of its first site."""
-        return self.guess_at(self.names[0])
+    def found_at(self, place: Array) -> Self:
+        """The same as it is foreseen once its place (u,) is known."""
+        del place
+        return self
 
     @property
-    def lengths(self) -> IntArray:
-        """Positions in a row of the numbers whose errors are lengths, m."""
-        return np.flatnonzero([number.unit == "mm" for number in self.numbers])
-
-    def read_of(self, markers: int) -> IntArray:
-        """Positions of the markers that it reads, of so many."""
-        return np.arange(markers) if self.markers is None else np.array(self.markers, dtype=int)
+    def belief(self) -> Array:
+        """What is known of its place about zero beforehand, as rows of unit variance (k, u)."""
+        return np.zeros((0, len(self.unknowns)))
 
     @property
     def parts(self) -> Mapping[str, slice]:
+        """What effects may change from pose to pose, by its place in results.
+
+        A place may have these numbers after its unknowns, zero at rest.
+        """
         return {}
 
     @property
     def unforeseen(self) -> str:
+        """What keeps its readings from being foreseen, and what to do; empty where nothing does."""
         return ""
 
     @property
     def metric(self) -> bool:
+        """Whether its readings hold a length: without any, an arm of twice the size reads the same."""
         return True
 
     @property
     def anchored(self) -> bool:
+        """Whether the cell says where it stands, whatever else of its place is unknown."""
         return False
 
     @property
     def even(self) -> float | None:
+        """The standard deviation of every number at any place, None where one does not say it all."""
         return None
 
     @property
     def fixed(self) -> bool:
+        """Whether its noise depends on where it stands, and that is given once for all stations."""
         return False
 
     @property
     def position(self) -> Array | None:
+        """Where it stands, shape (3,), m, base frame; None where that is not given."""
         return None

@@ -19,7 +19,7 @@ from calib.arm.se3 import fit_rigid, moved_as_one, nearest_rotation, rotate, so3
 from calib.arrays import Array, IntArray, Mask
 from calib.instruments.placing import Motions, hand_eye
 from calib.instruments.protocol import Nominal
-from calib.instruments.riding import CORNERS, corners_of, frame_of
+from calib.instruments.riding import CORNERS, corners_of, frame_of, twist_of
 from calib.solver import levenberg_marquardt
 
 _RESOLUTION = 1e-4  # standard deviation of X / Z and Y / Z that a search assumes
@@ -152,7 +152,7 @@ class _Images:
 
     def at(self, camera: Motions, places: list[Motions]) -> Array:
         """The values (p,) of places."""
-        each = [np.concatenate([t, so3_log(R)]) for R, t in (camera, *places)]
+        each = [twist_of(R, t) for R, t in (camera, *places)]
         return np.concatenate([each[0], [1.0], *each[1:]])
 
     def drawn(self, guessed: Array, known: bool) -> Iterator[Array]:
@@ -175,7 +175,7 @@ class _Images:
         points = self.p_arm + rotate(self.R_arm, self._ridden(start)[0])
         for own, there in zip(start, points, strict=True):
             for R, t, _ in poses_of(self.rays, there):
-                yield np.concatenate([t, so3_log(R), own[_FOCAL:]])[None]
+                yield np.concatenate([twist_of(R, t), own[_FOCAL:]])[None]
 
 
 def _images(ideal: Array, seen: Mask, mounted: Mounted, focal: bool) -> _Images:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arm.se3 import cross, nearest_rotation, rotate
+from calib.arm.se3 import cross, nearest_rotation, rotate, so3_log
 from calib.arrays import Array
 from calib.instruments.protocol import Instrument
 
@@ -23,6 +23,11 @@ CORNERS = 3
 def corners_of(R: Array, p: Array) -> Array:
     """The three points (..., 3, 3) of a body that stands at R (..., 3, 3), p (..., 3)."""
     return np.asarray(_CORNERS @ np.swapaxes(R, -1, -2) + p[..., None, :])
+
+
+def twist_of(R: Array, p: Array) -> Array:
+    """Where a body stands as a place (6,): translation, m, and rotation vector."""
+    return np.concatenate([p, so3_log(R)])
 
 
 def rigid(corners: Array) -> Array:

@@ -101,7 +101,8 @@ def best(instrument: Instrument, rows: Array, seen: Mask, arm: Nominal, starts: 
         points = points + np.einsum("ncf,...f->...nc", lever, offsets)
         found = instrument.linearise(values[..., :u], points[..., None, :])
         by_points = np.eye(3) if found.by_points is None else found.by_points
-        J = np.concatenate([found.by_place, by_points @ lever[:, None]], axis=-1)
+        by_free = np.broadcast_to(by_points @ lever[:, None], (*found.rows.shape, free))
+        J = np.concatenate([found.by_place, by_free], axis=-1)
         off = measured - found.rows
         off = off.reshape((*off.shape[:-3], -1)) / _MISSES
         r = np.concatenate([off, -offsets / _STRAYS], -1)

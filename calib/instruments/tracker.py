@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Tag
 
-from calib.arm.se3 import moved_as_one, rotate, so3_exp, so3_log
+from calib.arm.se3 import moved_as_one, rotate, so3_exp
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import KeysTable
 from calib.instruments.placing import placed
@@ -21,6 +21,7 @@ from calib.instruments.protocol import (
     Start,
     Unknown,
 )
+from calib.instruments.riding import twist_of
 from calib.keys import (
     NotNegativeMetres,
     Point,
@@ -102,7 +103,7 @@ class Tracker(Instrument):
     def start(self, rows: Array, seen: Mask, arm: Nominal) -> Start:
         R, t, markers = placed(rows, seen, arm)
         told = arm.free & np.any(seen, axis=0)[:, None]
-        return Start(np.concatenate([t, so3_log(R)]), markers, told)
+        return Start(twist_of(R, t), markers, told)
 
 
 TRACKER = Tracker()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,10 +12,10 @@ from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
-from calib.effects.base import sought
-from calib.effects.context import ARM
+from calib.effects.context import ARM, turning_joints
 from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
+from calib.effects.tool_base import sought
 from calib.effects.tuned import amid
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
@@ -54,6 +54,8 @@ _INSTEAD = {
     "time_offset": "joints of the moment at which each image was taken",
 }
 """Effect that is none -> what to use in its place."""
+_OFF_DIAGONAL = "off-diagonal terms of the compliance matrix are not modelled"
+_ACROSS = "use bearing_compliance, base_compliance or tool_compliance for elasticity across a joint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,17 +80,16 @@ def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[st
     name, colon, rest = text.partition(":")
     name = name.strip()
     if name == "cross_compliance":
-        raise UnknownEffect(
-            "cross_compliance: off-diagonal terms of the compliance matrix are not modelled; use "
-            "bearing_compliance, base_compliance or tool_compliance for elasticity across a joint"
-        )
+        raise UnknownEffect(f"{name}: {_OFF_DIAGONAL}; {_ACROSS}")
     if name not in catalogue():
-        close = difflib.get_close_matches(name, catalogue(), n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(catalogue())}"
-        hint = f"use {_INSTEAD[name]}" if name in _INSTEAD else hint
+        hint = f"use {_INSTEAD[name]}" if name in _INSTEAD else _hint(name, catalogue(), "known")
         raise UnknownEffect(f"unknown effect {name!r} in {key}; {hint}")
-    places = tuple(place.strip() for place in rest.split(",")) if colon else None
-    return name, places
+    return name, tuple(place.strip() for place in rest.split(",")) if colon else None
+
+
+def _hint(name: str, known: Iterable[str], what: str) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"{what} are: {', '.join(known)}"
 
 
 def parse_excluded(text: str, context: Context) -> tuple[str, ...]:
@@ -103,8 +104,7 @@ def parse_excluded(text: str, context: Context) -> tuple[str, ...]:
     known = catalogue()[name].places(context)
     for where in places or ():
         if where not in known:
-            close = difflib.get_close_matches(where, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"places are: {', '.join(known)}"
+            hint = _hint(where, known, "places")
             raise UnknownEffect(f"{name} has no place {where!r} in {key}; {hint}")
     return (name,) if places is None else tuple(f"{name}:{where}" for where in places)
 
@@ -117,33 +117,33 @@ def place_effect(
     Raises UnknownEffect where the robot has no such place, EffectCannotAct where something that the
     effect needs is missing.
     """
-    kind = catalogue()[name]
-    robot = context.robot
-    places = kind.places(context)
-    on_joints = not places or any(place in robot.joints for place in places)
-    if where in places or (on_joints and where in robot.joints):
-        slides = where in robot.joints and robot.prismatic[robot.joints.index(where)]
-        if kind.turns and slides:
-            raise EffectCannotAct(
-                f"{name}:{where}", f"{where} is a prismatic joint", "name a joint that turns"
-            )
-        effect = (
-            kind.at(context, where)
-            if parameters is None
-            else kind.named(context, where, parameters)
-        )
-        for covariate in kind.uses:
-            if covariate in context.lacking:
-                raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
+    kind, joints = catalogue()[name], context.robot.joints
+    if parameters is not None:
+        context = replace(context, parameters=tuple(parameters))
+    places, turning = kind.places(context), turning_joints(context)
+    on_joints = not places or any(place in joints for place in places)
+    if where not in places and not (on_joints and where in joints):
+        raise UnknownEffect(_no_place(name, where, places, joints))
+    if where in joints and where not in (*places, *turning) and places == turning:
+        remedy = "name a joint that turns"
+        raise EffectCannotAct(f"{name}:{where}", f"{where} is a prismatic joint", remedy)
+    effect = kind.at(context, where)
+    for covariate in kind.uses:
+        if covariate in context.lacking:
+            raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
+    if parameters is None:
         return effect
+    names = [p.name for p in effect.parameters]
+    return effect.only(tuple(names.index(name) for name in parameters if name in names))
+
+
+def _no_place(name: str, where: str, places: Sequence[str], joints: Sequence[str]) -> str:
     parts = [part for mark in "*/-+" for part in where.split(mark) if mark in where]
-    if name.endswith("compliance") and len(parts) > 1 and all(p in robot.joints for p in parts):
-        raise UnknownEffect(
-            f"{name}:{where}: off-diagonal terms of the compliance matrix are not modelled; name one "
-            f"joint at a time, as in {name}:{parts[0]},{parts[1]}"
-        )
+    if name.endswith("compliance") and len(parts) > 1 and all(p in joints for p in parts):
+        one_by_one = f"name one joint at a time, as in {name}:{parts[0]},{parts[1]}"
+        return f"{name}:{where}: {_OFF_DIAGONAL}; {one_by_one}"
     known = ", ".join(places) or "none on this robot"
-    raise UnknownEffect(f"{name} has no place {where!r} in [model] effects; places are: {known}")
+    return f"{name} has no place {where!r} in [model] effects; places are: {known}"
 
 
 def default_knots(q: Array) -> Array:
@@ -168,30 +168,29 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
             levels = cell.design.levels[joint].values
             if levels is not None:
                 knots[joint] = levels
-    return Context(
-        cell.robot,
-        cell.markers,
-        cell.marker_names,
-        poses.stations if poses is not None else ("base",),
-        knots,
-        dict(cell.anchors),
-        cell.gravity,
-        cell.payload,
-        _brings_load(cell, poses),
-        frozenset() if poses is None else lacking(poses),
-        "s" if poses is None else poses.clock_unit,
-        dict(cell.gear_ratios),
-        cell.instruments,
-        dict(cell.bodies),
-        dict(cell.seats),
+    context = Context(
+        robot=cell.robot,
+        markers=cell.markers,
+        marker_names=cell.marker_names,
+        knots=knots,
+        anchors=dict(cell.anchors),
+        gravity=cell.gravity,
+        payload=cell.payload,
+        measured_load=cell.load is not None,
+        gear_ratios=dict(cell.gear_ratios),
+        instruments=cell.instruments,
+        bodies=dict(cell.bodies),
+        seats=dict(cell.seats),
     )
-
-
-def _brings_load(cell: Cell, poses: Poses | None) -> bool:
-    """Whether the poses carry a load beside the payload; a cell's plan does if it has a [load]."""
     if poses is None:
-        return cell.load is not None
-    return bool(poses.wrench.any() or poses.load_mass.any())
+        return context
+    return replace(
+        context,
+        stations=poses.stations,
+        measured_load=bool(poses.wrench.any() or poses.load_mass.any()),
+        lacking=lacking(poses),
+        clock_unit=poses.clock_unit,
+    )
 
 
 def lacking(poses: Poses) -> frozenset[str]:
@@ -212,7 +211,10 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
     full = model_of(cell, effects)
     built = Built(*irreducible(full), full)
     _refuse_absorbed(_placed(cell, context), full, built)
-    return built if isinstance(cell.size_prior, str) else _of_sizes(built, cell.size_prior)
+    if isinstance(cell.size_prior, str):
+        return built
+    prior = stated(elementary(built.model, full), cell.size_prior)
+    return replace(built, model=replace(built.model, prior=prior))
 
 
 def placed_effects(cell: Cell, context: Context) -> list[Effect]:
@@ -232,12 +234,6 @@ def placed_effects(cell: Cell, context: Context) -> list[Effect]:
                 raise UnknownEffect(f"{name}:{where} stands twice in [model] effects")
             effects.append(place_effect(name, where, context))
     return effects
-
-
-def _of_sizes(built: Built, widths: Mapping[str, float]) -> Built:
-    """The model with what the cell says of the sizes of its errors."""
-    prior = stated(elementary(built.model, built.full), widths)
-    return replace(built, model=replace(built.model, prior=prior))
 
 
 def is_constant(kind: str) -> bool:
@@ -268,25 +264,27 @@ def _refuse_absorbed(placed: set[tuple[str, str]], full: Model, built: Built) ->
     absorbed = {d.id: d.absorbed_by for d in built.dropped}
     ids_of: dict[tuple[str, str], list[str]] = {}
     for effect in full.effects:
-        ids_of.setdefault(_cause(effect.kind, effect.where), []).extend(
-            p.id for p in effect.parameters
-        )
+        ids = ids_of.setdefault(_cause(effect.kind, effect.where), [])
+        ids += [p.id for p in effect.parameters]
     for (kind, where), ids in ids_of.items():
         if (kind, where) in placed and all(i in absorbed for i in ids):
             others = list(dict.fromkeys(name for i in ids for name, _ in absorbed[i]))
-            if not others:
-                raise EffectCannotAct(
-                    f"{kind}:{where}" if where else kind,
-                    "it moves nothing that is read against the instrument that reads it",
-                    "take it out of [model] effects, or read it from the world",
-                )
-            more = len(others) - _MOST_NAMED
-            named = ", ".join(others[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
-            raise EffectCannotAct(
-                f"{kind}:{where}" if where else kind,
-                f"{named} {'move' if len(others) > 1 else 'moves'} the markers in the same way",
-                "take it out of [model] effects, or take out the other",
-            )
+            raise EffectCannotAct(f"{kind}:{where}" if where else kind, *_absorbed_by(others))
+
+
+def _absorbed_by(others: Sequence[str]) -> tuple[str, str]:
+    """Why an effect shows nothing of its own, and what to do."""
+    if not others:
+        return (
+            "it moves nothing that is read against the instrument that reads it",
+            "take it out of [model] effects, or read it from the world",
+        )
+    more = len(others) - _MOST_NAMED
+    named = ", ".join(others[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    return (
+        f"{named} {'move' if len(others) > 1 else 'moves'} the markers in the same way",
+        "take it out of [model] effects, or take out the other",
+    )
 
 
 def _placed(cell: Cell, context: Context) -> set[tuple[str, str]]:
@@ -343,23 +341,17 @@ def _refuse_idle(effect: Effect, model: Model, poses: Poses) -> None:
     Raises EffectCannotAct, but for a joint that these poses happen not to move or to stress.
     """
     name = f"{effect.kind}:{effect.where}"
-    reason = "it moves no marker at any of these poses"
-    if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
-        raise EffectCannotAct(
-            name,
-            "nothing in the model is elastic",
-            "add joint_compliance, or take it out of [model] effects",
-        )
     bends = isinstance(effect, ElasticEffect | LoadEffect)
+    if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
+        remedy = "add joint_compliance, or take it out of [model] effects"
+        raise EffectCannotAct(name, "nothing in the model is elastic", remedy)
     if bends and loads_of(model.robot, poses, model.payload, model.gravity).absent:
-        raise EffectCannotAct(
-            name,
-            "nothing loads the arm",
-            "give wrench columns (fz_N ..), [payload], or link masses in the robot's file",
-        )
+        remedy = "give wrench columns (fz_N ..), [payload], or link masses in the robot's file"
+        raise EffectCannotAct(name, "nothing loads the arm", remedy)
     remedy = "load the arm so that it is stressed" if bends else "move more joints"
     if effect.uses:
         remedy = f"measure where {' and '.join(effect.uses)} differs"
     elif effect.where in model.robot.joints:
         return
+    reason = "it moves no marker at any of these poses"
     raise EffectCannotAct(name, reason, f"take it out of [model] effects, or {remedy}")

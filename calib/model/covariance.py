@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Tool
 from calib.errors import Unsolvable
 from calib.instruments import Tracker
 from calib.model import Model

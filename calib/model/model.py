@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, in_parts, room
-from calib.effects.base import Base
 from calib.effects.protocol import (
     Constant,
     Displacement,
@@ -39,8 +38,8 @@ from calib.effects.protocol import (
     displaced,
 )
 from calib.effects.readings import MarkerEffect, PartEffect, ReadingEffect
-from calib.effects.tool import Tool
-from calib.effects.tuned import Tuned
+from calib.effects.tool_base import Base, Tool
+from calib.effects.tuned import Tuned, at_rest
 from calib.errors import NoEquilibrium
 from calib.inference.widths import Key, SizePrior
 from calib.instruments import Channels, Instrument, KnownDistance, Tracker
@@ -48,6 +47,7 @@ from calib.model.arm_jacobian import arm_jacobian
 from calib.model.readout import Readout
 from calib.poses import Measurements, Poses
 
+E = TypeVar("E", bound=Effect)
 _EQUILIBRIUM_M = 1e-10  # markers at rest: a tenth of a nanometre
 _UNSTABLE_M = 1e-7
 _MAX_ROUNDS = 30
@@ -116,6 +116,10 @@ class Model:
         """Each effect and where its parameters stand."""
         return zip(self.effects, self.slices, strict=True)
 
+    def of(self, kind: type[E]) -> list[tuple[E, slice]]:
+        """The effects of a kind, each with where its parameters stand."""
+        return [(effect, part) for effect, part in self.parts if isinstance(effect, kind)]
+
     @cached_property
     def keys(self) -> tuple[Key, ...]:
         """Effect, where and name of every parameter."""
@@ -154,15 +158,14 @@ class Model:
         return np.concatenate([np.zeros(0), *(effect.initial for effect in self.effects)])
 
     @cached_property
-    def tunings(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+    def tunings(self) -> IntArray:
         """Positions of the parameters that are tunings."""
-        return np.array([s.start for e, s in self.parts if isinstance(e, Tuned)], dtype=int)
+        return np.array([part.start for _, part in self.of(Tuned)], dtype=np.int_)
 
     @cached_property
-    def still(self) -> np.ndarray[tuple[int], np.dtype[np.int_]]:
+    def still(self) -> IntArray:
         """Positions of the tunings by which readings have no derivative: a scan alone finds them."""
-        own = [s.start for e, s in self.parts if isinstance(e, Tuned) and not e.smooth]
-        return np.array(own, dtype=int)
+        return np.array([s.start for e, s in self.of(Tuned) if not e.smooth], dtype=np.int_)
 
     def without(self, effects: Iterable[Effect], values: Array) -> tuple[Model, Array]:
         """The model without some of its effects, and its values (p,) without theirs."""
@@ -215,37 +218,34 @@ class Model:
         """
         loads = statics.loads_of(self.robot, poses, self.payload, self.gravity)
         changed = loads
-        for effect, part in self.parts:
-            if isinstance(effect, WeightEffect) and values[..., part].any():
+        for effect, part in self.of(WeightEffect):
+            if values[..., part].any():
                 changed = changed.changed(effect.changes(poses, loads), values[..., part])
         return changed
 
     def _springs(self, values: Array, poses: Poses) -> Array:
         """Wrenches of springs beside the joints, shape (..., m, F, 6), in frame axes."""
         total = np.zeros((len(poses), self.robot.frame_count, 6))
-        for effect, part in self.parts:
-            if isinstance(effect, SpringEffect):
-                basis = effect.wrench_basis(poses)
-                total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
+        for effect, part in self.of(SpringEffect):
+            basis = effect.wrench_basis(poses)
+            total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
         return total
 
     def _given(self, values: Array, poses: Poses) -> Array | None:
         """Displacements known before the arm bends, (..., m, F, 6), None where there are none."""
-        chosen = [(e, part) for e, part in self.parts if isinstance(e, PoseEffect)]
         moved = [
             own
-            for e, part in chosen
-            if not e.rests(values[..., part])
+            for e, part in self.of(PoseEffect)
+            if not at_rest(e, values[..., part])
             for own in e.displacements(poses, values[..., part])
         ]
         return self._summed(values, poses, moved) if moved else None
 
     def _deflections(self, values: Array, state: State) -> Array:
         """Displacements of what is elastic, shape (..., m, F, 6)."""
-        chosen = [(e, part) for e, part in self.parts if isinstance(e, ElasticEffect)]
         moved = [
             own
-            for e, part in chosen
+            for e, part in self.of(ElasticEffect)
             for own in displaced(e.twists(state, values[..., part]), values[..., part])
         ]
         return self._summed(values, state.poses, moved)
@@ -260,9 +260,8 @@ class Model:
     def constant_displacements(self, values: Array) -> Array:
         """Displacement of each frame that holds at every pose, shape (..., F, 6), m and rad."""
         xi = np.zeros((*values.shape[:-1], self.robot.frame_count, 6))
-        for effect, part in self.parts:
-            if isinstance(effect, Constant):
-                xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
+        for effect, part in self.of(Constant):
+            xi[..., effect.frame, :] += values[..., part] @ effect.columns.T
         return xi
 
     # -- points --------------------------------------------------------------------------------
@@ -270,20 +269,18 @@ class Model:
     def marker_positions(self, values: Array) -> Array:
         """Markers in the tip frame, shape (..., M, 3), m."""
         offsets = np.zeros((*values.shape[:-1], *self.markers.shape))
-        for effect, part in self.parts:
-            if isinstance(effect, Tool):
-                offsets[..., effect.markers, :] = effect.offsets(values[..., part])
+        for effect, part in self.of(Tool):
+            offsets[..., effect.markers, :] = effect.offsets(values[..., part])
         return self.markers + offsets
 
     @cached_property
     def readout(self) -> Readout:
         """What makes readings of points."""
-        reading = [(e, part) for e, part in self.parts if isinstance(e, ReadingEffect)]
         return Readout(
             Channels(self.instruments, len(self.markers)),
-            tuple((e, part) for e, part in self.parts if isinstance(e, Base)),
-            tuple(sorted(reading, key=lambda own: not own[0].first)),
-            tuple((e, p) for e, p in self.parts if isinstance(e, PartEffect) and e.body is None),
+            tuple(self.of(Base)),
+            tuple(sorted(self.of(ReadingEffect), key=lambda own: not own[0].first)),
+            tuple((e, part) for e, part in self.of(PartEffect) if e.body is None),
             self.noise_scales,
         )
 
@@ -292,8 +289,8 @@ class Model:
         batch = values.shape[:-1]
         R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
         p = np.zeros((*batch, len(poses), 3))
-        for effect, part in self.parts:
-            if isinstance(effect, Base) and isinstance(effect.of, Tracker):
+        for effect, part in self.of(Base):
+            if isinstance(effect.of, Tracker):
                 R_base, p_base = effect.of.placement(values[..., part])
                 here = poses.station == effect.station
                 R[..., here, :, :] = R_base[..., None, :, :]
@@ -305,7 +302,7 @@ class Model:
         markers = self._fixed_on_tip(values, poses)
         for effect, part in self._bodies:
             own, by = effect.body, values[..., part]
-            if not effect.rests(by):
+            if not at_rest(effect, by):
                 markers[..., own, :] = effect.moved(poses, by, markers[..., own, :])[0]
         R, o = self.under_markers(frames)
         return rotate(R, markers) + o
@@ -325,7 +322,7 @@ class Model:
     def _fixed_on_tip(self, values: Array, poses: Poses) -> Array:
         """Markers in the tip frame, (..., m or 1, M, 3), m, before a body of several comes loose."""
         markers = self.marker_positions(values)[..., None, :, :]
-        moved = [(e, part) for e, part in self.parts if isinstance(e, MarkerEffect)]
+        moved = self.of(MarkerEffect)
         if moved or self._bodies:
             markers = np.repeat(markers, len(poses), axis=-3)
         for effect, part in moved:
@@ -336,8 +333,7 @@ class Model:
     @property
     def _bodies(self) -> list[tuple[PartEffect, slice]]:
         """Effects that displace several markers on the tip as one."""
-        own = ((e, p) for e, p in self.parts if isinstance(e, PartEffect))
-        return [(e, p) for e, p in own if e.body is not None]
+        return [(e, part) for e, part in self.of(PartEffect) if e.body is not None]
 
     def _follow_bodies(self, values: Array, poses: Poses, frames: Frames, J: Array) -> None:
         """Derivatives (..., m, M, 3, p) of points that come loose of the tip together; overwritten."""
@@ -349,7 +345,7 @@ class Model:
             placed, columns = effect.moved(poses, values[..., part], here)
             R = self._axes_under(frames, effect.body)[..., None, :, :]
             before = np.swapaxes(R, -1, -2) @ own[..., on_tip]
-            own[..., on_tip] = R @ effect.carried(poses, values[..., part], here, before)
+            own[..., on_tip] = R @ effect.carried(poses, values[..., part], before)
             markers[..., effect.body, :] = placed
             own[..., part] = R @ columns
 
@@ -416,11 +412,10 @@ class Model:
     def _believed(self) -> Array:
         """What is known of the values about zero beforehand, as rows of unit variance (k, p)."""
         found = [np.zeros((0, len(self.parameters)))]
-        for effect, part in self.parts:
-            if np.isfinite(effect.believed).any():
-                own = effect.belief
-                found.append(np.zeros((len(own), len(self.parameters))))
-                found[-1][:, part] = own
+        for effect, part in self.of(Base):
+            own = effect.of.belief
+            found.append(np.zeros((len(own), len(self.parameters))))
+            found[-1][:, part] = own
         return np.concatenate(found)
 
     def prior_residuals(self, values: Array) -> tuple[Array, Array]:
@@ -450,12 +445,12 @@ class Model:
         J = np.zeros((3, len(self.parameters)))
         if name in self.marker_names:
             marker = self.marker_names.index(name)
-            for effect, part in self.parts:
-                if isinstance(effect, Tool) and effect.marker == marker:
+            for effect, part in self.of(Tool):
+                if effect.marker == marker:
                     J[list(effect.components), part] = np.eye(len(effect.components))
             return self.marker_positions(values)[..., marker, :], J
-        for effect, part in self.parts:
-            if isinstance(effect, Base) and effect.where == name:
+        for base, part in self.of(Base):
+            if base.where == name:
                 J[:, part] = np.eye(3)
                 return values[..., part], J
         raise KeyError(name)
@@ -508,16 +503,15 @@ class Model:
         state = self.state(values, poses)
         points = self.tip_points(state.frames, values, poses)
         J = self._by_arm(values, state, points)
-        for effect, part in self.parts:
-            if isinstance(effect, Tool):
-                R_tip = self._axes_under(state.frames, effect.markers)
-                by_values = effect.columns(values[..., part])[..., None, :, :, :]
-                J[..., effect.markers, :, part] = R_tip[..., None, :, :] @ by_values
-            elif isinstance(effect, MarkerEffect):
-                marker = effect.marker(self.marker_names)
-                R_tip = self._axes_under(state.frames, marker)
-                by_values = effect.response(poses, values[..., part])
-                J[..., marker, :, part] = (R_tip @ by_values)[..., None, :, :]
+        for tool, part in self.of(Tool):
+            R_tip = self._axes_under(state.frames, tool.markers)
+            by_values = tool.columns(values[..., part])[..., None, :, :, :]
+            J[..., tool.markers, :, part] = R_tip[..., None, :, :] @ by_values
+        for effect, part in self.of(MarkerEffect):
+            marker = effect.marker(self.marker_names)
+            R_tip = self._axes_under(state.frames, marker)
+            by_values = effect.response(poses, values[..., part])
+            J[..., marker, :, part] = (R_tip @ by_values)[..., None, :, :]
         if self._bodies:
             self._follow_bodies(values, poses, state.frames, J)
         return self.readout.linearise(values, poses, points, J)
@@ -549,8 +543,8 @@ class Model:
         Shapes (..., m, 6, 6).
         """
         total: dict[tuple[int, int], Array] = {}
-        for effect, part in self.parts:
-            if isinstance(effect, ElasticEffect) and values[..., part].any():
+        for effect, part in self.of(ElasticEffect):
+            if values[..., part].any():
                 for frames, own in effect.flexibilities(poses).items():
                     K = np.einsum("mijp,...p->...mij", own, values[..., part])
                     total[frames] = total.get(frames, 0.0) + K

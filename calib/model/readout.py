@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.base import Base
 from calib.effects.readings import PartEffect, ReadingEffect
-from calib.instruments import Channels, Instrument, Tracker
+from calib.effects.tool_base import Base
+from calib.effects.tuned import at_rest
+from calib.instruments import Channels, Instrument
 from calib.instruments.protocol import Linear
 from calib.instruments.riding import moves_seen, seen_from
 from calib.poses import Poses
-
-
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """Where an instrument stands at some poses.
-
-    here : ndarray of bool, shape (m,), or None for all poses
-    place : ndarray, shape (..., u), SI; part : where it is among the values, None where it is known
-    """
-
-    here: Mask | None
-    place: Array
-    part: slice | None
-
-    def at(self, axis: int) -> tuple[Any, ...]:
-        """The index of its poses in an array that has them along ``axis``, counted from the end."""
-        return (..., self.here, *[slice(None)] * (-axis - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,22 +47,16 @@ class Readout:
 
     def read(self, values: Array, poses: Poses, points: Array) -> Array:
         """Readings (..., m, C, r) of points (..., m, M, 3), m, in base axes."""
-        return self._side_by_side(
-            (self._rows(i, values, poses, points) for i in self.instruments), -1
-        )
+        rows = (self._rows(i, values, poses, points) for i in self.instruments)
+        return self._side_by_side(rows, -1)
 
     def _rows(self, instrument: Instrument, values: Array, poses: Poses, points: Array) -> Array:
-        def read(stand: Stand, points: Array, *apart: Array) -> tuple[Array]:
-            if not apart:
-                return (instrument.read(stand.place, points),)
-            place, each = _pose_by_pose(stand.place, points, apart[0])
-            return (instrument.read(place, each)[..., 0, :, :],)
-
-        given = [(_of(instrument, seen_from(instrument, points), -2), -3)]
-        given += [(own, -2) for own in self._apart(instrument, values, poses)[:1]]
-        (rows,) = self._at_stands(instrument, values, poses, read, given, [-3])
+        place, seen = self._place(instrument, values, poses), seen_from(instrument, points)
+        by_pose, own = _pose_by_pose(place, _of(instrument, seen, -2))
+        rows = instrument.read(by_pose, own)
+        rows = rows if by_pose is not place else rows[..., 0, :, :]
         for effect, part in self._disturbing(instrument):
-            if not effect.rests(values[..., part]):
+            if not at_rest(effect, values[..., part]):
                 rows, _, _ = effect.linearise(values[..., part], poses, rows)
         return rows
 
@@ -90,37 +67,33 @@ class Readout:
 
         J : ndarray, shape (..., m, M, 3, p), those of the points; overwritten
         """
-        found = [self._columns(i, values, poses, points, J) for i in self.instruments]
-        rows, columns = zip(*found, strict=True)
+        pairs = [self._columns(i, values, poses, points, J) for i in self.instruments]
+        rows, columns = zip(*pairs, strict=True)
         return self._side_by_side(rows, -1), self._side_by_side(columns, -2)
 
     def _columns(
         self, instrument: Instrument, values: Array, poses: Poses, points: Array, J: Array
     ) -> tuple[Array, Array]:
-        def linearise(stand: Stand, points: Array, J: Array, *apart: Array) -> tuple[Array, Array]:
-            if not apart:
-                found = instrument.linearise(stand.place, points)
-            else:
-                place, each = _pose_by_pose(stand.place, points, apart[0])
-                found = _of_each(instrument.linearise(place, each))
-            J = J if found.by_points is None else _followed(found.by_points, J)
-            known = stand.place.shape[-1]
-            if stand.part is not None:
-                J[..., stand.part] = found.by_place[..., :known]
-            if apart:
-                own = np.concatenate([np.arange(p.start, p.stop) for _, p in self._of(instrument)])
-                J[..., own] = found.by_place[..., known:] @ apart[1][..., None, :, :]
-            return found.rows, J
-
         J, points = moves_seen(instrument, points, J), seen_from(instrument, points)
-        own = _of(instrument, J, -3)
-        own = own.copy() if len(self.instruments) > 1 and own is J else own
-        given = [(_of(instrument, points, -2), -3), (own, -4)]
-        given += list(zip(self._apart(instrument, values, poses), (-2, -3), strict=False))
-        rows, J = self._at_stands(instrument, values, poses, linearise, given, [-3, -4])
+        moved = _of(instrument, J, -3)
+        moved = moved.copy() if len(self.instruments) > 1 and moved is J else moved
+        place = self._place(instrument, values, poses)
+        linear = _linearised(instrument, place, _of(instrument, points, -2))
+        J = moved if linear.by_points is None else _followed(linear.by_points, moved)
+        u = len(instrument.unknowns)
+        for here, part in self._stands(instrument, poses):
+            if here.all():
+                J[..., part] = linear.by_place[..., :u]
+            else:
+                J[..., here, :, :, part] = linear.by_place[..., here, :, :, :u]
+        for loose, part in self._loose_of(instrument):
+            response = loose.response(poses, values[..., part])
+            numbers, by = _loosened(loose, instrument, poses, response)
+            J[..., part] = linear.by_place[..., u:][..., numbers] @ by[..., None, :, :]
+        rows = linear.rows
         for effect, part in self._disturbing(instrument):
             rows, turn, by_effect = effect.linearise(values[..., part], poses, rows)
-            J = J if effect.rests(values[..., part]) else turn @ J
+            J = J if at_rest(effect, values[..., part]) else turn @ J
             J[..., part] = by_effect
         return rows, J
 
@@ -128,13 +101,11 @@ class Readout:
         """How readings follow displacements (m, M, 3, k) of points (m, M, 3), m, shape (m, C, r, k)."""
 
         def one(instrument: Instrument) -> Array:
-            def follow(stand: Stand, points: Array, moved: Array) -> tuple[Array]:
-                by_points = instrument.linearise(stand.place, points).by_points
-                return (moved if by_points is None else _followed(by_points, moved),)
-
-            own, by = seen_from(instrument, points), moves_seen(instrument, points, moved)
-            given = [(_of(instrument, own, -2), -3), (_of(instrument, by, -3), -4)]
-            return self._at_stands(instrument, values, poses, follow, given, [-4])[0]
+            place = self._place(instrument, values, poses, loose=False)
+            seen = _of(instrument, seen_from(instrument, points), -2)
+            by_points = _linearised(instrument, place, seen).by_points
+            by = _of(instrument, moves_seen(instrument, points, moved), -3)
+            return by if by_points is None else _followed(by_points, by)
 
         return self._side_by_side(map(one, self.instruments), -2)
 
@@ -157,13 +128,13 @@ class Readout:
         """
 
         def one(instrument: Instrument, part: slice) -> Array:
-            def whitening(stand: Stand, rows: Array, sigma: Array) -> tuple[Array]:
-                return (instrument.whitening(stand.place, rows, sigma),)
-
+            place = self._place(instrument, values, poses, loose=False)
             rows = readings[..., part, : instrument.rows]
-            given = [(rows, -3), (sigma[..., part], -2)]
-            found = self._at_stands(instrument, values, poses, whitening, given, [-4])[0]
-            return found / self.noise_scales.get(instrument.name, 1.0)
+            by_pose, each = _pose_by_pose(place, rows)
+            own = sigma[..., part] if by_pose is not place else sigma[..., None, part]
+            W = instrument.whitening(by_pose, each, own)
+            W = W if by_pose is not place else W[..., 0, :, :, :]
+            return W / self.noise_scales.get(instrument.name, 1.0)
 
         return self._side_by_side((one(i, part) for i, part in self.channels.blocks), -2, -1)
 
@@ -174,84 +145,47 @@ class Readout:
             out[..., part, :, :] /= scales.get(instrument.name, 1.0)
         return out
 
-    def beams(self, instrument: Tracker, values: Array, poses: Poses, rows: Array) -> Array:
-        """From a tracker to the points of its rows (m, C, r), shape (m, C, 3), m, station axes."""
+    def _disturbing(self, instrument: Instrument) -> list[tuple[ReadingEffect, slice]]:
+        return [(e, part) for e, part in self.disturbing if e.changes(instrument)]
 
-        def beams(stand: Stand, rows: Array) -> tuple[Array]:
-            return (instrument.beams(stand.place, rows),)
-
-        own = rows[..., : instrument.rows]
-        return self._at_stands(instrument, values, poses, beams, [(own, -3)], [-3])[0]
-
-    def _disturbing(self, instrument: Instrument) -> Iterator[tuple[ReadingEffect, slice]]:
-        return ((e, part) for e, part in self.disturbing if e.changes(instrument))
-
-    def _of(self, instrument: Instrument) -> list[tuple[PartEffect, slice]]:
+    def _loose_of(self, instrument: Instrument) -> list[tuple[PartEffect, slice]]:
         """What comes loose of an instrument, or of what it looks at."""
         return [(e, part) for e, part in self.loose if e.where in instrument.parts]
 
-    def _apart(self, instrument: Instrument, values: Array, poses: Poses) -> list[Array]:
-        """How far its parts have come loose, (..., m, n), and the derivatives (..., m, n, p).
-
-        The latter by the parameters of all that does so; nothing where none may.
-        """
-        loose, parts = self._of(instrument), instrument.parts
-        if not loose:
-            return []
-        n = max(part.stop for part in parts.values())
-        by, columns = np.zeros((*values.shape[:-1], len(poses), n)), []
-        for effect, part in loose:
-            first, site = parts[effect.where].start, effect.site(instrument)
-            here = np.ones(len(poses)) if site is None else poses.touching(site, instrument.sites)
-            at = slice(first + effect.numbers.start, first + effect.numbers.stop)
-            own = np.zeros((*by.shape, part.stop - part.start))
-            own[..., at, :] = effect.response(poses, values[..., part]) * here[:, None, None]
-            by[..., at] += effect.amounts(poses, values[..., part]) * here[:, None]
-            columns.append(own)
-        return [by, np.concatenate(columns, axis=-1)]
-
-    def _stands(self, instrument: Instrument, values: Array, poses: Poses) -> Iterator[Stand]:
-        """Where it stands at which poses; at zero where nothing is unknown."""
-        left = np.ones(len(poses), dtype=bool)
+    def _stands(self, instrument: Instrument, poses: Poses) -> list[tuple[Mask, slice]]:
+        """At which poses (m,) it stands where which of the values say; nothing where that is known."""
+        stands, left = [], np.ones(len(poses), dtype=bool)
         for base, part in self.bases:
             if base.of.name == instrument.name:
                 here = left if base.station is None else poses.station == base.station
                 if base.of.sites:
                     here = poses.touching(base.where, base.of.sites)
                 left = left & ~here
-                if here.any():
-                    yield Stand(None if here.all() else here, values[..., part], part)
-        if left.any():
-            rest = np.zeros((*values.shape[:-1], len(instrument.unknowns)))
-            yield Stand(None if left.all() else left, rest, None)
+                stands += [(here, part)] if here.any() else []
+        return stands
 
-    def _at_stands(
-        self,
-        instrument: Instrument,
-        values: Array,
-        poses: Poses,
-        work: Callable[..., tuple[Array, ...]],
-        given: list[tuple[Array, int]],
-        axes: list[int],
-    ) -> tuple[Array, ...]:
-        """What ``work`` makes of arrays at each stand, put together again.
+    def _place(
+        self, instrument: Instrument, values: Array, poses: Poses, loose: bool = True
+    ) -> Array:
+        """Where it stands at each pose, (..., m, u), (..., 1, u) where it stays; zero where known.
 
-        given : arrays, and their axis of the poses; axes : that of the arrays that come back, all
-            counted from the end
+        loose : whether what came loose follows, (..., m, u + n)
         """
-        stands = list(self._stands(instrument, values, poses))
-        if len(stands) == 1:
-            return work(stands[0], *(a for a, _ in given))
-        parts = [work(stand, *(a[stand.at(axis)] for a, axis in given)) for stand in stands]
-        whole = []
-        for axis, own in zip(axes, zip(*parts, strict=True), strict=True):
-            shape = list(own[0].shape)
-            shape[axis] = len(poses)
-            out = np.empty(shape)
-            for stand, part in zip(stands, own, strict=True):
-                out[stand.at(axis)] = part
-            whole.append(out)
-        return tuple(whole)
+        stands, u = self._stands(instrument, poses), len(instrument.unknowns)
+        parts = self._loose_of(instrument) if loose else []
+        if len(stands) == 1 and stands[0][0].all() and not parts:
+            return values[..., None, stands[0][1]]
+        n = max(part.stop for part in instrument.parts.values()) if parts else 0
+        shape = (len(poses) if stands or parts else 1, u + n)
+        place = np.zeros((*values.shape[:-1], *shape))
+        for here, part in stands:
+            place[..., here, :u] = values[..., None, part]
+        for effect, part in parts:
+            numbers, by = _loosened(
+                effect, instrument, poses, effect.amounts(poses, values[..., part])[..., None]
+            )
+            place[..., u + numbers.start : u + numbers.stop] += by[..., 0]
+        return place
 
     def _side_by_side(self, parts: Iterable[Array], *row_axes: int) -> Array:
         """The channels of the instruments side by side, rows filled up with zeros."""
@@ -271,19 +205,34 @@ class Readout:
         return np.concatenate(filled, axis=min(row_axes) - 1)
 
 
-def _pose_by_pose(place: Array, points: Array, apart: Array) -> tuple[Array, Array]:
-    """A place (..., u) of its own for every pose, with what came loose (..., m, n), and its points."""
-    batch = np.broadcast_shapes(place.shape[:-1], apart.shape[:-2])
-    shape = (*batch, apart.shape[-2])
-    each = np.broadcast_to(place[..., None, :], (*shape, place.shape[-1]))
-    own = np.broadcast_to(apart, (*shape, apart.shape[-1]))
-    return np.concatenate([each, own], axis=-1), points[..., None, :, :]
+def _loosened(
+    effect: PartEffect, instrument: Instrument, poses: Poses, by: Array
+) -> tuple[slice, Array]:
+    """The numbers of an instrument that an effect moves, and by what (..., m, b, k), where it acts."""
+    first, site = instrument.parts[effect.where].start, effect.site(instrument)
+    here = np.ones(len(poses)) if site is None else poses.touching(site, instrument.sites)
+    numbers = slice(first + effect.numbers.start, first + effect.numbers.stop)
+    return numbers, by * here[:, None, None]
 
 
-def _of_each(found: Linear) -> Linear:
-    """What was found pose by pose, poses side by side."""
-    by_points = None if found.by_points is None else found.by_points[..., 0, :, :, :]
-    return Linear(found.rows[..., 0, :, :], by_points, found.by_place[..., 0, :, :, :])
+def _pose_by_pose(place: Array, rows: Array) -> tuple[Array, Array]:
+    """A place (..., m, u) with its rows (..., m, C, k) as m batches of one pose.
+
+    One that holds at every pose, (..., 1, u), comes back as (..., u) with the rows as they are.
+    """
+    if place.shape[-2] == 1 != rows.shape[-3]:
+        return place[..., 0, :], rows
+    return place, rows[..., None, :, :]
+
+
+def _linearised(instrument: Instrument, place: Array, points: Array) -> Linear:
+    """Rows (..., m, C, r) and their derivatives at places (..., m or 1, u)."""
+    by_pose, own = _pose_by_pose(place, points)
+    linear = instrument.linearise(by_pose, own)
+    if by_pose is not place:
+        return linear
+    by_points = None if linear.by_points is None else linear.by_points[..., 0, :, :, :]
+    return Linear(linear.rows[..., 0, :, :], by_points, linear.by_place[..., 0, :, :, :])
 
 
 def _of(instrument: Instrument, a: Array, axis: int) -> Array:

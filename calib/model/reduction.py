@@ -17,10 +17,9 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, stacked
-from calib.effects.base import Base
-from calib.effects.instrument_scale import TrackerScale
 from calib.effects.protocol import Constant, ConstantTwist, Effect
-from calib.effects.tool import Tool
+from calib.effects.readings import TrackerScale
+from calib.effects.tool_base import Base, Tool
 from calib.inference.widths import Key
 from calib.instruments import TRACKER, Instrument, Tracker
 from calib.model import Model

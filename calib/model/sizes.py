@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.effects.base import Base
 from calib.effects.protocol import Constant, ConstantTwist, Effect, Parameter
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.effects.tuned import Tuned
 from calib.errors import UnknownEffect
 from calib.inference.widths import Elementary, Key, SizePrior
@@ -75,7 +74,7 @@ def _errors(model: Model) -> list[_Error]:
         for e in model.effects
         if not isinstance(e, Base | Tool)
         for k, p in enumerate(e.parameters)
-        if not (isinstance(e, Tuned) and k == 0) and not np.isfinite(e.believed[k])
+        if not (isinstance(e, Tuned) and k == 0)
     ]
 
 

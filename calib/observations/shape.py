@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp, transformed
 from calib.arrays import Array, Mask
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Tool
 from calib.model import Model
 from calib.poses import Measurements
 

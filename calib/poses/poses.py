@@ -60,6 +60,14 @@ class Poses(Result):
     session: TextArray | None = None
     motion_told: bool = False
 
+    def __post_init__(self) -> None:
+        """Raise CalibError, naming the field, where not every pose has its row."""
+        for name, own in self._arrays.items():
+            if len(own) != len(self.names):
+                raise CalibError(f"{name}: {len(own)} rows, and {len(self.names)} poses")
+        if self.q.ndim != 2:
+            raise CalibError(f"q: joint values have shape {self.q.shape}, expected (poses, joints)")
+
     def sentences(self) -> list[str]:
         return [f"Poses: {len(self)} of {self.q.shape[1]} joints, in rad and m"]
 
@@ -155,7 +163,10 @@ class Poses(Result):
 
 
 def poses_at(q: Array, names: Sequence[str] | None = None, **given: Any) -> Poses:
-    """Poses at joint values q of shape (m, n), rad or m, without load; fields as keywords."""
+    """Poses at joint values q of shape (m, n), rad or m, without load; fields as keywords.
+
+    Raises CalibError where a field has another number of rows.
+    """
     m = len(q)
     blank: dict[str, Any] = {
         "names": tuple(f"p{i:04d}" for i in range(m)) if names is None else tuple(names),
@@ -191,6 +202,57 @@ class Measurements(Result):
     seen: Mask
     sigma: Array
     warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        q: Array,
+        points: Array,
+        *,
+        sigma: float | Array | None = None,
+        seen: Mask | None = None,
+        **given: Any,
+    ) -> Measurements:
+        """Measurements of plain arrays, in the order of measurement.
+
+        q : ndarray, shape (m, n), rad or m
+        points : ndarray, shape (m, M, 3), m, of every marker; or the rows of another instrument
+        sigma : m, standard deviations, of shape (m, M) or one for all; the cell's without
+        seen : ndarray of bool, shape (m, M), False for a hidden marker
+        given : further fields of :class:`Poses`, as ``names``, ``wrench``, ``time``
+
+        Raises CalibError, naming the argument, for another shape and for what is no number.
+        """
+        from calib.poses.moves import with_moves
+
+        q, points = np.asarray(q, dtype=float), np.asarray(points, dtype=float)
+        if points.ndim != 3:
+            raise CalibError(f"points: have shape {points.shape}, expected (poses, markers, 3)")
+        shape = points.shape[:2]
+        shown = np.ones(shape, dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
+        stated = np.full(shape, np.nan) if sigma is None else np.broadcast_to(sigma, shape)
+        data = cls(with_moves(poses_at(q, **given)), points, shown, np.array(stated, dtype=float))
+        data = replace(data, readings=np.where(shown[..., None], points, 0.0))
+        data.check_numbers("q", "points")
+        return data
+
+    def __post_init__(self) -> None:
+        """Raise CalibError, naming the field, where not every reading has its numbers."""
+        m, shape = len(self.poses), self.seen.shape[-2:]
+        if self.readings.shape[-3:-1] != shape or self.sigma.shape[-2:] != shape or shape[0] != m:
+            raise CalibError(
+                f"readings: have shape {self.readings.shape}, seen {self.seen.shape}, sigma "
+                f"{self.sigma.shape}, of {m} poses; expected (poses, channels, numbers)"
+            )
+
+    def check_numbers(self, *named: str) -> None:
+        """Raise CalibError where joint values or readings are no numbers; named : what to call them."""
+        bad = ~np.isfinite(self.poses.q).all(axis=1), ~np.isfinite(self.readings).all(axis=(1, 2))
+        for name, wrong in zip(named, bad, strict=True):
+            if wrong.any():
+                first = self.poses.names[int(np.flatnonzero(wrong)[0])]
+                remedy = "leave the pose out, or hide what was not seen by seen"
+                raise CalibError(f"{name}: pose {first!r} has a number that is none; {remedy}")
 
     def sentences(self) -> list[str]:
         read = f"{int(self.seen.sum())} readings of {self.seen.shape[1]} channels"
@@ -263,13 +325,18 @@ class Measurements(Result):
             sigma=np.concatenate([self.sigma, later.sigma]),
         )
 
-    def split(self, fraction: float, rng: np.random.Generator) -> tuple[Measurements, Measurements]:
+    def split(
+        self, fraction: float, rng: np.random.Generator | int = 0
+    ) -> tuple[Measurements, Measurements]:
         """Set aside a fraction of the configurations, whole: (kept, held out).
 
         fraction : float in (0, 1), of the configurations, rounded to at least one
+        rng : a generator, or the seed of one
 
-        Raises CalibError where nothing would be left.
+        Raises CalibError where nothing would be left, and for another fraction.
         """
+        if not 0.0 < fraction < 1.0:
+            raise CalibError(f"fraction: {fraction!r} is none; take one between 0 and 1")
         group = self.poses.configuration
         count = int(group.max()) + 1
         size = max(1, round(fraction * count))
@@ -277,6 +344,6 @@ class Measurements(Result):
             raise CalibError(
                 f"a hold-out of {fraction:g} leaves none of {count} configurations to fit; take less"
             )
-        held = rng.permutation(count)[:size]
+        held = np.random.default_rng(rng).permutation(count)[:size]
         out = np.isin(group, held)
         return self.take(~out), self.take(out)

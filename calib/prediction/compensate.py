@@ -29,7 +29,7 @@ from calib.cell import Cell
 from calib.cell.targets import check_targets
 from calib.diagnosis.diagnose import Diagnosis
 from calib.effects.timed import Timed
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Tool
 from calib.errors import CalibError
 from calib.identification.identification import Identification
 from calib.model import Model

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.base import Base
+from calib.effects.tool_base import Base
 from calib.identification.scan import times
 from calib.identification.variances import design_of
 from calib.inference import GaussianBlock, Marginal, Prior, RandomEffect

@@ -56,10 +56,8 @@ def segment_box(start: Array, end: Array, half: Array) -> Array:
     ends = np.broadcast_to(np.array([0.0, 1.0]), (*step.shape[:-1], 2))
     t = np.concatenate([(-half - start) / step, (half - start) / step, ends], axis=-1)
     t = np.sort(np.clip(t, 0.0, 1.0), axis=-1)
-    slope = np.zeros(t.shape)
-    for i in range(3):
-        d = along[..., i, None]
-        slope += d * _beyond(start[..., i, None] + t * d, half[i])
+    point = start[..., None, :] + t[..., None] * along[..., None, :]
+    slope = _dot(along[..., None, :], _beyond(point, half))
     falling = np.sum(slope < 0.0, axis=-1)[..., None]
     before, after = np.maximum(falling - 1, 0), np.minimum(falling, t.shape[-1] - 1)
     (t_0, slope_0), (t_1, slope_1) = (

@@ -23,22 +23,20 @@ class JointLimits(Constraint):
     name: str = "joint_limits"
 
     def allows(self, scene: Scene) -> Mask:
-        low, high = self.limits[:, 0] - _SLACK, self.limits[:, 1] + _SLACK
-        return np.asarray(((scene.q >= low) & (scene.q <= high)).all(axis=1))
+        low, high = self.limits.T
+        return np.asarray(((scene.q >= low - _SLACK) & (scene.q <= high + _SLACK)).all(axis=1))
 
 
 def joint_limits(cell: Cell) -> JointLimits | None:
     """The limits of the cell's robot; None where all its joints turn without end."""
-    limits = cell.robot.limits
-    return JointLimits(limits) if np.isfinite(limits).any() else None
+    return JointLimits(cell.robot.limits) if np.isfinite(cell.robot.limits).any() else None
 
 
 @dataclass(frozen=True, eq=False)
 class HangingLoad(Constraint):
     """The x axis of the tip that is loaded leaves the horizontal by no more than the load allows.
 
-    down : ndarray, shape (3,), unit vector of gravity in base axes
-    max_tilt : float, rad
+    down : ndarray, shape (3,), unit vector of gravity in base axes; max_tilt : float, rad
     """
 
     down: Array
@@ -69,8 +67,7 @@ class JointTorque(Constraint):
     name: str = "joint_torque"
 
     def allows(self, scene: Scene) -> Mask:
-        readings = static_torques(scene)
-        return np.asarray((np.abs(readings) <= self.efforts).all(axis=(0, 2)))
+        return np.asarray((np.abs(static_torques(scene)) <= self.efforts).all(axis=(0, 2)))
 
 
 def joint_torque(cell: Cell) -> JointTorque | None:
@@ -78,20 +75,19 @@ def joint_torque(cell: Cell) -> JointTorque | None:
     robot, load = cell.robot, cell.load
     weighs = robot.masses.any() or cell.payload.mass or (load is not None and load.mass)
     efforts = np.where(np.isnan(robot.efforts), np.inf, robot.efforts)
-    if not (weighs and cell.gravity.any() and np.isfinite(efforts).any()):
-        return None
-    return JointTorque(efforts)
+    acts = weighs and cell.gravity.any() and np.isfinite(efforts).any()
+    return JointTorque(efforts) if acts else None
 
 
 def static_torques(scene: Scene) -> Array:
     """Torque [N m] or force [N] along each joint, shape (2, n, dof): free, and with the load."""
     robot, load = scene.cell.robot, scene.cell.load or Load(0.0, (0.0, 0.0, 0.0))
-    joints, found = slice(1, robot.dof + 1), []
+    torques = []
     for mass in (0.0, load.mass):
         poses = poses_at(scene.q, load_mass=np.full(len(scene), mass), load_com=np.array(load.com))
         loads = loads_of(robot, poses, scene.cell.payload, scene.cell.gravity)
-        local = transmitted(robot, loads, scene.frames, scene.origins).local[:, joints]
-        kind = np.where(robot.prismatic[:, None], local[..., :3], local[..., 3:])
-        found.append(np.einsum("nki,ki->nk", kind, robot.axes))
+        wrench = transmitted(robot, loads, scene.frames, scene.origins).local[:, 1 : robot.dof + 1]
+        along = np.where(robot.prismatic[:, None], wrench[..., :3], wrench[..., 3:])
+        torques.append(np.einsum("nki,ki->nk", along, robot.axes))
     # By virtual work a drive holds its share of what couplings move, too.
-    return np.array(found) @ robot.driven if robot.couplings else np.array(found)
+    return np.array(torques) @ robot.driven if robot.couplings else np.array(torques)

@@ -14,15 +14,11 @@ import numpy as np
 from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.cell.planned import Ball, Body, Box, HalfSpace
-from doe.constraints.distances import (
-    point_box,
-    point_segment,
-    segment_box,
-    segment_halfspace,
-)
-from doe.constraints.scene import Clearance, Scene, probe_scene
+from doe.constraints.distances import point_segment, segment_box, segment_halfspace
+from doe.constraints.scene import Clearance, Scene, moving_capsules, probe_scene
 
 _ALWAYS = 0.99  # of the configurations of the probe
+_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +29,16 @@ class Obstacle(Clearance):
     body: Body
     margin: float = 0.0
 
-    def from_segment(self, start: Array, end: Array) -> Array:
+    def distance(self, start: Array, end: Array) -> Array:
         """Distance of segments (..., 3), shape (...), m; zero where they meet."""
         match self.body:
             case Box(T, half):
-                return segment_box(_local(T, start), _local(T, end), half)
+                R, at = T[:3, :3], T[:3, 3]
+                return segment_box((start - at) @ R, (end - at) @ R, half)
             case Ball(centre, radius):
                 return np.maximum(point_segment(centre, start, end) - radius, 0.0)
             case HalfSpace(point, normal):
                 return segment_halfspace(start, end, point, normal)
-
-    def from_point(self, point: Array) -> Array:
-        """Distance of n points (n, 3), shape (n,), m, as :meth:`from_segment` has it; zero inside."""
-        if isinstance(self.body, Box):
-            return point_box(_local(self.body.T_base_box, point), self.body.half)
-        return self.from_segment(point, point)
 
     @property
     def ball(self) -> tuple[Array, float] | None:
@@ -63,27 +54,24 @@ class Obstacle(Clearance):
     def allows(self, scene: Scene) -> Mask:
         # Most shapes are far: balls around them tell it at a fraction of the cost.
         free = np.ones(len(scene), dtype=bool)
-        for capsule in scene.capsules:
-            if capsule.moves:
-                far = capsule.reach + self.margin
-                near = np.flatnonzero(free & (self.from_point(capsule.centre) <= far))
-                kept = capsule.radius + self.margin
-                free[near] = self.from_segment(capsule.start[near], capsule.end[near]) > kept
+        for capsule in (own for own in scene.capsules if own.moves):
+            near = free
+            if self.ball is not None:
+                centre, radius = self.ball
+                away = np.linalg.norm(capsule.centre - centre, axis=1)
+                near = free & (away <= radius + capsule.reach + self.margin)
+            at = np.flatnonzero(near)
+            clear = self.distance(capsule.start[at], capsule.end[at])
+            free[at] = clear > capsule.radius + self.margin
         return free
 
 
-def _local(T_base_box: Array, point: Array) -> Array:
-    return np.asarray((point - T_base_box[:3, 3]) @ T_base_box[:3, :3])
-
-
-_KINDS = {Box: "box", Ball: "sphere", HalfSpace: "halfspace"}
-
-
-def obstacles_of(cell: Cell) -> tuple[Obstacle, ...]:
-    """The obstacles of a cell, each a constraint of its own."""
-    bodies, margin = enumerate(cell.design.obstacles, 1), cell.design.margin
+def obstacles_of(cell: Cell, *, of_the_arm: bool = False) -> tuple[Obstacle, ...]:
+    """The obstacles of a cell; of_the_arm : only where the arm has a shape that meets them."""
+    bodies = () if of_the_arm and not moving_capsules(cell) else cell.design.obstacles
     return tuple(
-        Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body, margin) for i, body in bodies
+        Obstacle(f"obstacle {i} ({_KINDS[type(body)]})", body, cell.design.margin)
+        for i, body in enumerate(bodies, 1)
     )
 
 
@@ -117,13 +105,12 @@ def _lowest(scene: Scene, which: Sequence[int]) -> Array:
 
 def floor_of(cell: Cell) -> Floor | None:
     """The floor that the cell gives; None without one."""
-    height = cell.design.floor
+    height, margin = cell.design.floor, cell.design.margin
     if height is None:
         return None
-    probe, margin = probe_scene(cell), cell.design.margin
+    probe = probe_scene(cell)
     moving = [i for i, capsule in enumerate(probe.capsules) if capsule.moves]
-    lowest = _lowest(probe, moving)
-    kept = (lowest > height + margin).mean(axis=0) > 1.0 - _ALWAYS
+    kept = (_lowest(probe, moving) > height + margin).mean(axis=0) > 1.0 - _ALWAYS
+    exempt = [probe.capsules[i].name for i, above in zip(moving, kept, strict=True) if not above]
     checked = [i for i, above in zip(moving, kept, strict=True) if above]
-    exempt = [probe.capsules[i].name for i in moving if i not in checked]
     return Floor(height, tuple(checked), tuple(exempt), margin)

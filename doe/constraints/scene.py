@@ -30,8 +30,8 @@ class PlacedCapsule:
 
     body : int, number of the frame that carries it: 0 base, 1 .. dof the joints, the last the tool
     name : str, of the joint, ``base`` or ``tool``; numbered where a body has several
-    start, end : ndarray, shape (n, 3), m, ends of the axis in base axes
-    radius, length : float, m
+    start, end : ndarray, shape (n, 3), m, ends of the axis in base axes; radius : float, m
+    reach : float, m, radius of the ball around the centre that holds the capsule
     """
 
     body: int
@@ -39,17 +39,12 @@ class PlacedCapsule:
     start: Array
     end: Array
     radius: float
-    length: float
+    reach: float
 
     @property
     def moves(self) -> bool:
         """Whether it is carried by the arm."""
         return self.body != BASE
-
-    @property
-    def reach(self) -> float:
-        """Radius of the ball around the centre that holds the capsule [m]."""
-        return 0.5 * self.length + self.radius
 
     @cached_property
     def centre(self) -> Array:
@@ -90,16 +85,16 @@ class Scene:
             PlacedCapsule(
                 body,
                 name,
-                self.placed(body, capsule.start),
-                self.placed(body, capsule.end),
-                capsule.radius,
-                float(np.linalg.norm(np.subtract(capsule.end, capsule.start))),
+                self.placed(body, own.start),
+                self.placed(body, own.end),
+                own.radius,
+                0.5 * float(np.linalg.norm(np.subtract(own.end, own.start))) + own.radius,
             )
-            for body, name, capsule in named_capsules(self.cell)
+            for body, name, own in named_capsules(self.cell)
         )
 
     def placed(self, body: int, point: ArrayLike) -> Array:
-        """A point (3,) of a body's own frame in base axes, shape (n, 3), m."""
+        """A point (3,) of a body's frame in base axes, shape (n, 3), m."""
         point = np.asarray(point, dtype=float)
         if body == BASE:
             return np.broadcast_to(point, (len(self), 3))

@@ -20,7 +20,7 @@ from doe.constraints.scene import (
     scene_of,
 )
 
-_ALWAYS = 0.99  # of them
+_ALWAYS = 0.99  # of the configurations of the probe
 _REMEDY = "Put the meshes where the robot file says, or give robot.capsules_mm in the cell."
 
 
@@ -30,8 +30,8 @@ class SelfCollision(Clearance):
 
     Pairs that overlap practically everywhere, as at a spherical wrist, say that the shapes are
     coarse and not that the arm is in danger; they are exempt, as in MoveIt's setup assistant. So are
-    those of one branch whose own shapes meet at the zero pose, which no maker draws in collision:
-    capsules hold more than the shapes. Two hands that meet there are in danger all the same.
+    those of one branch whose shapes meet at the zero pose, which no maker draws in collision: capsules
+    hold more than the shapes. Two hands that meet there are in danger all the same.
 
     pairs : tuple of pairs of positions in ``Scene.capsules``, those that are checked
     exempt : tuple of pairs of capsule names, those that are not checked
@@ -42,7 +42,6 @@ class SelfCollision(Clearance):
     name: str = "self_collision"
 
     def allows(self, scene: Scene) -> Mask:
-        # Most pairs are far apart: balls around them tell it at a fraction of the cost.
         free = np.ones(len(scene), dtype=bool)
         for i, j in self.pairs:
             free &= ~overlap(scene.capsules[i], scene.capsules[j], free)
@@ -51,8 +50,8 @@ class SelfCollision(Clearance):
 
 def clear_of_itself(cell: Cell) -> SelfCollision | None:
     """The pairs of a cell's capsules that can meet; None where no two bodies could."""
-    bodies = [body for body, _, _ in named_capsules(cell)]
-    near = {(parent, body) for body, parent in enumerate(cell.robot.parents, 1)}
+    bodies, robot = [body for body, _, _ in named_capsules(cell)], cell.robot
+    near = {(parent, body) for body, parent in enumerate(robot.parents, 1)}
     pairs = [
         (i, j)
         for i, j in combinations(range(len(bodies)), 2)
@@ -61,29 +60,27 @@ def clear_of_itself(cell: Cell) -> SelfCollision | None:
     if not pairs:
         return None
     probe = probe_scene(cell)
-    everywhere = np.ones(len(probe), dtype=bool)
-    robot = cell.robot
     zero = scene_of(cell, robot.tied(np.clip(np.zeros((1, robot.dof)), *robot.sample_limits().T)))
-    checked, exempt = [], []
-    for i, j in pairs:
-        a, b = probe.capsules[i], probe.capsules[j]
-        at_zero = zero.capsules[i], zero.capsules[j]
-        one_branch = robot.carries[bodies[i], bodies[j]] or robot.carries[bodies[j], bodies[i]]
-        own = cell.shapes.own and one_branch
-        touch_there = own and bool(overlap(*at_zero, np.ones(1, dtype=bool))[0])
-        if touch_there or overlap(a, b, everywhere).mean() >= _ALWAYS:
-            exempt.append((a.name, b.name))
-        else:
-            checked.append((i, j))
-    return SelfCollision(tuple(checked), tuple(exempt))
+
+    def touches(i: int, j: int) -> bool:
+        """Whether a pair is exempt."""
+        a, b = bodies[i], bodies[j]
+        one_branch = cell.shapes.own and (robot.carries[a, b] or robot.carries[b, a])
+        at_zero, everywhere = (overlap(s.capsules[i], s.capsules[j]) for s in (zero, probe))
+        return bool((one_branch and at_zero.all()) or everywhere.mean() >= _ALWAYS)
+
+    exempt = [pair for pair in pairs if touches(*pair)]
+    names = tuple((probe.capsules[i].name, probe.capsules[j].name) for i, j in exempt)
+    return SelfCollision(tuple(pair for pair in pairs if pair not in exempt), names)
 
 
-def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask) -> Mask:
+def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask | bool = True) -> Mask:
     """Whether two capsules meet, shape (n,); False where ``among`` is."""
+    # Most pairs are far apart: balls around them tell it at a fraction of the cost.
     between = a.centre - b.centre
     near = np.einsum("ni,ni->n", between, between) <= (a.reach + b.reach) ** 2
     at = np.flatnonzero(near & among)
-    met = np.zeros(len(among), dtype=bool)
+    met = np.zeros(len(near), dtype=bool)
     distance = segment_segment(a.start[at], a.end[at], b.start[at], b.end[at])
     met[at] = distance <= a.radius + b.radius
     return met
@@ -91,14 +88,15 @@ def overlap(a: PlacedCapsule, b: PlacedCapsule, among: Mask) -> Mask:
 
 def unchecked(cell: Cell) -> str:
     """That poses are not checked for collisions, or only in part, and what to do; "" where they are."""
-    if cell.shapes.unread:
-        more = f", and {len(cell.shapes.unread) - 1} more" if len(cell.shapes.unread) > 1 else ""
-        what = f"shapes cannot be read: {cell.shapes.unread[0]}{more}"
-        how = "only in part" if moving_capsules(cell) else "not"
-        return f"The poses are {how} checked for collisions, as {what}. {_REMEDY}"
-    if not moving_capsules(cell):
-        return (
-            "The poses are not checked for collisions, as the arm has no shape. Give "
-            "robot.capsules_mm in the cell."
-        )
-    return ""
+    moving = moving_capsules(cell)
+    if unread := cell.shapes.unread:
+        more = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
+        part = "only in part" if moving else "not"
+        what = f"shapes cannot be read: {unread[0]}{more}"
+        return f"The poses are {part} checked for collisions, as {what}. {_REMEDY}"
+    if moving:
+        return ""
+    return (
+        "The poses are not checked for collisions, as the arm has no shape. Give "
+        "robot.capsules_mm in the cell."
+    )

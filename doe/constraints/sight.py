@@ -13,7 +13,7 @@ from calib.instruments import Camera, Distance, Instrument
 from calib.instruments.board import Board
 from calib.instruments.riding import frame_of, taken
 from doe.constraints.distances import point_segment, segment_segment
-from doe.constraints.obstacles import Obstacle, obstacles_of
+from doe.constraints.obstacles import obstacles_of
 from doe.constraints.scene import BASE, PlacedCapsule, Scene, turned
 
 _SKIN = 1e-6  # m; a marker this close to a surface is mounted on it
@@ -24,11 +24,11 @@ _WRIST = 1  # joints before the last one whose shapes may hold what is mounted b
 def read_by(scene: Scene) -> Mask:
     """Readings that each configuration is for, shape (n, C): where it touches, that one alone."""
     contacts, which = contacts_of(scene.cell), touched(scene.cell, scene.q)
-    found = np.ones((len(scene), len(scene.cell.channels)), dtype=bool)
-    found[:, [contact.channel for contact in contacts]] = False
+    read = np.ones((len(scene), len(scene.cell.channels)), dtype=bool)
+    read[:, [contact.channel for contact in contacts]] = False
     for k, contact in enumerate(contacts):
-        found[which == k] = np.arange(found.shape[1]) == contact.channel
-    return found
+        read[which == k] = np.arange(read.shape[1]) == contact.channel
+    return read
 
 
 def visible(scene: Scene) -> Mask:
@@ -42,45 +42,23 @@ def visible(scene: Scene) -> Mask:
     said where the instrument stands.
     """
     seen = read_by(scene)
-    for _, channel, hidden in _hidings(scene):
-        seen[hidden, channel] = False
     for instrument, part in scene.cell.channels.blocks:
         if isinstance(instrument, Camera):
+            seen[:, part] &= instrument.found(taken(instrument, scene.markers))
+        elif isinstance(instrument, Distance):
+            seen[:, part] &= instrument.within(taken(instrument, scene.markers))
+        for beam in _beams(scene, instrument, part):
+            seen[:, beam.channels] &= _free(scene, beam)[:, None]
+        if isinstance(instrument, Camera):
             for board in instrument.boards:
-                own = _channels(board, part)
-                seen[:, own] &= board.enough(seen[:, own])[:, None]
+                points = _channels(board, part)
+                seen[:, points] &= board.enough(seen[:, points])[:, None]
     return seen
 
 
 def _channels(board: Board, part: slice) -> IntArray:
     """The positions of a board's points among all readings of a cell, part : those of the camera."""
     return np.arange(part.start + board.channels.start, part.start + board.channels.stop)
-
-
-def hidden_by(scene: Scene) -> dict[tuple[int, int], str]:
-    """What hides a marker, by configuration and channel: ``turned away`` or ``behind A3``.
-
-    Of several causes the first one found. What is not in it, is seen where the pose is for it
-    (:func:`visible`).
-    """
-    return {(int(i), c): why for why, c, hidden in _hidings(scene) for i in np.flatnonzero(hidden)}
-
-
-def _hidings(scene: Scene) -> Iterator[tuple[str, int, Mask]]:
-    """Cause, channel, and the configurations (n,) where it is the first to hide its marker."""
-    for instrument, part in scene.cell.channels.blocks:
-        if isinstance(instrument, Camera | Distance):
-            points = taken(instrument, scene.markers)
-            if isinstance(instrument, Camera):
-                why, read = "not found in the image", instrument.found(points)
-            else:
-                why, read = "out of reach", instrument.within(points)
-            for channel, own in enumerate(read.T, part.start):
-                yield why, channel, ~own
-        for beam in _beams(scene, instrument, part):
-            for why, hidden in _hidden(scene, beam):
-                for channel in beam.channels:
-                    yield why, channel, hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +83,13 @@ def _beams(scene: Scene, instrument: Instrument, part: slice) -> Iterator[_Beam]
     rides = instrument.seat is not None
     if isinstance(instrument, Camera):
         for board in instrument.boards:
-            own = _channels(board, part)
-            single -= set(own.tolist())
+            points = _channels(board, part)
+            single -= set(points.tolist())
             printed = board.printed > 0.0 and instrument.each == 1
             for few, one in board.parts():
                 if (at := instrument.sees_from(board, one)) is not None:
-                    eye = _placed(scene, instrument, at)
-                    yield _Beam(own[few].tolist(), int(marker[own[one]]), eye, rides, printed)
+                    eye, channels = _placed(scene, instrument, at), points[few].tolist()
+                    yield _Beam(channels, int(marker[points[one]]), eye, rides, printed)
     if (at := instrument.position) is not None:
         eye = _placed(scene, instrument, at)
         for channel in sorted(single):
@@ -126,30 +104,30 @@ def _placed(scene: Scene, instrument: Instrument, at: Array) -> Array:
     return np.asarray(origin + at @ axes)
 
 
-def _hidden(scene: Scene, beam: _Beam) -> Iterator[tuple[str, Mask]]:
-    """Cause by cause, the configurations (n,) where it is the first to hide a beam's marker."""
+def _free(scene: Scene, beam: _Beam) -> Mask:
+    """Whether nothing hides a beam's marker, shape (n,)."""
     free, holders = _facing(scene, beam), _holders(scene, beam.marker)
-    yield "turned away", ~free
+    marker = scene.markers[:, beam.marker]
     for capsule in scene.capsules:
         # A board is in no link but those it is mounted on.
         may_hold = not beam.printed or capsule.body in holders
-        hidden = _behind_capsule(scene, capsule, beam, free, may_hold)
-        free &= ~hidden
-        yield f"behind {capsule.name}", hidden
+        free &= ~_behind(scene, capsule, beam, free, may_hold)
     for obstacle in obstacles_of(scene.cell):
-        if obstacle.ball is not None and (obstacle.from_point(beam.eye) > 0.0).any():
-            hidden = _behind_obstacle(scene, obstacle, obstacle.ball, beam, free)
-            free &= ~hidden
-            yield f"behind {obstacle.name}", hidden
+        within = obstacle.ball is None or not obstacle.distance(beam.eye, beam.eye).any()
+        if obstacle.ball is not None and not within:
+            near = point_segment(obstacle.ball[0], beam.eye, marker) <= obstacle.ball[1]
+            at = np.flatnonzero(free & near)
+            free[at] = obstacle.distance(beam.eye[at], marker[at]) > _SKIN
+    return free
 
 
 def _holders(scene: Scene, j: int) -> set[int]:
     """Frames whose shapes may hold marker j: its tip, and the last joints before that."""
-    frame, found = int(scene.cell.marker_frames[j]), set[int]()
+    frame, holders = int(scene.cell.marker_frames[j]), set[int]()
     for _ in range(_WRIST + 2):
-        found.add(frame)
+        holders.add(frame)
         frame = scene.cell.robot.parents[frame - 1] if frame else BASE
-    return found - {BASE}
+    return holders - {BASE}
 
 
 def _facing(scene: Scene, beam: _Beam) -> Mask:
@@ -162,13 +140,11 @@ def _facing(scene: Scene, beam: _Beam) -> Mask:
     along = beam.eye - scene.markers[:, j]
     size = np.linalg.norm(along, axis=1)
     normal = turned(scene.frames.R[:, cell.marker_frames[j]], cell.marker_normals[j])
-    within = np.einsum("ni,ni->n", normal, along) - least * size
-    return np.asarray(within >= -_SLACK * size)
+    return np.asarray(np.einsum("ni,ni->n", normal, along) >= (least - _SLACK) * size)
 
 
-def _behind_capsule(
-    scene: Scene, capsule: PlacedCapsule, beam: _Beam, among: Mask, may_hold: bool
-) -> Mask:
+def _behind(scene: Scene, capsule: PlacedCapsule, beam: _Beam, among: Mask, may_hold: bool) -> Mask:
+    """Whether a capsule is across a beam, shape (n,); may_hold : unless the marker sits in it."""
     marker = scene.markers[:, beam.marker]
     near = point_segment(capsule.centre, beam.eye, marker) < capsule.reach
     at = np.flatnonzero(near & among)
@@ -179,14 +155,4 @@ def _behind_capsule(
     outside = point_segment(marker[at], start, end) > capsule.radius + _SKIN
     hidden = np.zeros(len(among), dtype=bool)
     hidden[at] = crossed & (outside | (not may_hold))
-    return hidden
-
-
-def _behind_obstacle(
-    scene: Scene, obstacle: Obstacle, ball: tuple[Array, float], beam: _Beam, among: Mask
-) -> Mask:
-    marker = scene.markers[:, beam.marker]
-    at = np.flatnonzero(among & (point_segment(ball[0], beam.eye, marker) <= ball[1]))
-    hidden = np.zeros(len(among), dtype=bool)
-    hidden[at] = obstacle.from_segment(beam.eye[at], marker[at]) <= _SKIN
     return hidden

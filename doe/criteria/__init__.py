@@ -1,6 +1,6 @@
 """Criteria by name: one class each, and one entry here.
 
-A user's own criterion is the same small class in an installed package of theirs, announced under
+A user's criterion is the same small class in an installed package of theirs, announced under
 ``[project.entry-points."posecal.criteria"]`` by its name.
 """
 
@@ -10,9 +10,8 @@ from functools import lru_cache
 
 from calib.plugins import with_announced
 from doe.criteria.determinant import Determinant, Subset
-from doe.criteria.eigenvalue import SmallestEigenvalue
-from doe.criteria.protocol import Conic, Criterion, Question
-from doe.criteria.smallest import Rivals, WorstRegion, WorstTask
+from doe.criteria.protocol import Criterion, Question
+from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstRegion, WorstTask
 from doe.criteria.trace import Average, Combination, Task
 
 CRITERIA: dict[str, type[Criterion]] = {
@@ -40,4 +39,4 @@ def catalogue() -> dict[str, type[Criterion]]:
     return with_announced("criteria", CRITERIA, Criterion, lambda kind: kind.name)
 
 
-__all__ = ["CRITERIA", "UNASKED", "Conic", "Criterion", "Question", "catalogue"]
+__all__ = ["CRITERIA", "UNASKED", "Criterion", "Question", "catalogue"]

@@ -9,56 +9,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.errors import CalibError
 from doe.criteria.protocol import Conic, Criterion, Question, solved
-from doe.optimal.blocks import growth, pack
-
-
-@dataclass(frozen=True, eq=False)
-class Determinant(Criterion):
-    """D: volume of the confidence ellipsoid, ``Phi = det(M)^(1/p)``, for parameters in their units.
-
-    V : ndarray, shape (p, p), parameters in their units for y
-    """
-
-    V: Array
-    name: ClassVar[str] = "D"
-    unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"
-    larger_is_better: ClassVar[bool] = True
-    smooth: ClassVar[bool] = True
-
-    @classmethod
-    def of(cls, question: Question) -> Self:
-        return cls(question.shown)
-
-    def value(self, M: Array) -> Array:
-        return np.asarray(self._scale * np.exp(np.linalg.slogdet(M)[1] / M.shape[-1]))
-
-    @cached_property
-    def _scale(self) -> float:
-        return float(np.exp(-2.0 * np.linalg.slogdet(self.V)[1] / len(self.V)))
-
-    def gradient(self, M: Array) -> Array:
-        return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
-
-    def brought(self, cov: Array, into: Array) -> Array:
-        return growth(cov, into)
-
-    def conic(self, M: Any, at: Array) -> Conic:
-        import cvxpy as cp
-
-        return Conic(cp.log_det(M))
-
-    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
-        L_inverse = np.linalg.inv(np.linalg.cholesky(M))
-        P = L_inverse @ columns @ L_inverse.T
-        cost = -float(np.linalg.slogdet(M)[1])
-        return cost, -np.trace(P, axis1=-2, axis2=-1), pack(P)
+from doe.optimal.blocks import logdet_increase, pack
 
 
 @dataclass(frozen=True, eq=False)
 class Subset(Criterion):
-    """``Phi = det(K)^(1/s)``: K is the information on s parameters, with the others unknown.
+    """Ds, ``Phi = det(K)^(1/s)``: K is the information on s parameters, with the others unknown.
 
     V : ndarray, shape (s, p): ``K = (V M^-1 V^T)^-1``, the Schur complement of M
     """
@@ -70,9 +27,7 @@ class Subset(Criterion):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        if question.interest is None:
-            raise CalibError("criterion Ds needs the parameters that matter; say which (of)")
-        return cls(question.chosen(question.shown))
+        return cls(question.chosen(question.shown, needed_by="Ds"))
 
     @property
     def whole(self) -> bool:
@@ -92,3 +47,44 @@ class Subset(Criterion):
         V = self.V / np.linalg.norm(self.V, axis=1, keepdims=True)
         K = cp.Variable((len(V), len(V)), symmetric=True)
         return Conic(cp.log_det(K), [M - V.T @ K @ V >> 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Determinant(Subset):
+    """D, ``Phi = det(M)^(1/p)`` for parameters in their units: Ds of all parameters, V square."""
+
+    name: ClassVar[str] = "D"
+    unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"
+    smooth: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        return cls(question.shown)
+
+    @property
+    def whole(self) -> bool:
+        return True
+
+    def value(self, M: Array) -> Array:
+        return np.asarray(self._scale * np.exp(np.linalg.slogdet(M)[1] / M.shape[-1]))
+
+    @cached_property
+    def _scale(self) -> float:
+        return float(np.exp(-2.0 * np.linalg.slogdet(self.V)[1] / len(self.V)))
+
+    def gradient(self, M: Array) -> Array:
+        return np.asarray(self.value(M) / len(M) * np.linalg.inv(M))
+
+    def gain(self, cov: Array, rows: Array) -> Array:
+        return logdet_increase(cov, rows)
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        return Conic(cp.log_det(M))
+
+    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
+        L_inverse = np.linalg.inv(np.linalg.cholesky(M))
+        P = L_inverse @ columns @ L_inverse.T
+        cost = -float(np.linalg.slogdet(M)[1])
+        return cost, -np.trace(P, axis1=-2, axis2=-1), pack(P)

@@ -1,8 +1,7 @@
-"""What a criterion is: an information function that knows the robot's question.
+"""What a criterion is: an information function that is set up for a robot.
 
-What makes an information function, and why that alone lets the certificate hold, is told in
-:mod:`doe.optimal.function`. A new criterion is one file with one such class and one entry in
-``doe.criteria.CRITERIA``.
+Why an information function is enough for a certificate is said in :mod:`doe.optimal.function`. A new
+criterion is one file with one such class and one entry in ``doe.criteria.CRITERIA``.
 
 Matrices are in the coordinates y of ``theta = T y``, in which the mean information of the pool is the
 identity; a criterion that speaks of the parameters themselves carries T.
@@ -18,6 +17,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array, IntArray
+from calib.errors import CalibError
 from calib.model import Model
 from doe.optimal.function import Conic, InformationFunction
 
@@ -37,8 +37,8 @@ class Question:
     T : ndarray, shape (p, p): values in SI are ``theta = T y``
     interest : ndarray, shape (s, p), combinations of the parameters, in their units, that matter, each
         of one parameter but for criterion c; None for all
-    targets : ndarray, shape (K, r, p), the weighted rows of the K target poses: the squared error at
-        target k is ``tr(rows_k cov rows_k^T)`` in m^2, its share of the mean already in the rows
+    targets : ndarray, shape (K, r, p), rows of the K target poses: the squared error at target k is
+        ``tr(rows_k cov rows_k^T)`` in m^2
     target_weights : ndarray, shape (K,), summing to one
     region : ndarray, shape (R, p, p), information of poses that stand for the reachable cell, in y
     rivals : tuple of two arrays of int, positions of two rival effects' parameters, or None
@@ -63,8 +63,15 @@ class Question:
         """Rows V with ``parameters in plausible sizes = V y``, shape (p, p)."""
         return np.asarray(self.T / self.model.sizes[:, None])
 
-    def chosen(self, V: Array) -> Array:
-        """Of rows V for all parameters (p, p) those for what matters, shape (s, p)."""
+    def chosen(self, V: Array, needed_by: str = "") -> Array:
+        """Of rows V for all parameters (p, p) those for what matters, shape (s, p).
+
+        needed_by : name of a criterion that is none without them. Raises CalibError for it.
+        """
+        if self.interest is None and needed_by:
+            raise CalibError(
+                f"criterion {needed_by} needs the parameters that matter; say which (of)"
+            )
         return V if self.interest is None else self.interest @ V
 
 

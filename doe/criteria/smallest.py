@@ -1,4 +1,4 @@
-"""The worst of several: target poses (task-worst), poses within the joint limits (G), two rivals."""
+"""The worst of several: combinations (E), target poses, poses within reach (G), rivals."""
 
 from __future__ import annotations
 
@@ -12,11 +12,65 @@ import numpy as np
 from calib.arrays import Array
 from calib.errors import CalibError
 from doe.criteria.protocol import Conic, Criterion, Question, solved
-from doe.optimal.blocks import pack, unpack
+from doe.optimal.blocks import pack, trace_decrease, unpack
 
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
 _LEAST = 1e-300  # a variance is above zero, whatever rounding makes of it
+_OTHERS = 4.0  # exponent with which the other eigenvalues count in the ranking
 _CONES = 4  # members that enter a conic program for each matrix it has met: the smallest there
+
+
+@dataclass(frozen=True, eq=False)
+class SmallestEigenvalue(Criterion):
+    """E, ``Phi = 1 / lambda_max(V M^-1 V^T)``: the combination that is known worst.
+
+    V : ndarray, shape (s, p), the parameters that matter, each in its plausible size
+    """
+
+    V: Array
+    name: ClassVar[str] = "E"
+    unit: ClassVar[str] = "smallest eigenvalue of M, parameters in plausible sizes"
+    larger_is_better: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        return cls(question.chosen(question.sized))
+
+    @property
+    def whole(self) -> bool:
+        return bool(self.V.shape[0] == self.V.shape[1])
+
+    def value(self, M: Array) -> Array:
+        cov = self.V @ solved(M, self.V.T)
+        return np.asarray(1.0 / np.linalg.eigvalsh(cov)[..., -1])
+
+    def gradient(self, M: Array) -> Array:
+        W = solved(M, self.V.T)
+        _, vectors = np.linalg.eigh(self.V @ W)
+        z = W @ vectors[:, -1:]
+        return np.asarray(self.value(M) ** 2 * z @ z.T)
+
+    def gain(self, cov: Array, rows: Array) -> Array:
+        W = cov @ self.V.T
+        values, vectors = np.linalg.eigh(self.V @ W)
+        z = W @ (vectors * np.maximum(values / values[-1], 0.0) ** _OTHERS)
+        return trace_decrease(cov, z @ z.T, rows)
+
+    def conic(self, M: Any, at: Array) -> Conic:
+        import cvxpy as cp
+
+        scale = np.linalg.norm(self.V, 2)
+        VtV = self.V.T @ self.V / scale**2
+        smallest = cp.Variable()
+        above = M - smallest * VtV >> 0
+
+        def witness() -> Array:
+            # Any Z >= 0 with <V^T V, Z> = 1 bounds the criterion: M' >= t V^T V gives <Z, M'> >= t.
+            values, vectors = np.linalg.eigh(above.dual_value)
+            Z = (vectors * np.maximum(values, 0.0)) @ vectors.T
+            return np.asarray(Z / (VtV * Z).sum() / scale**2)
+
+        return Conic(smallest, [above], witness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +91,7 @@ class Smallest(Criterion):
     def gradient(self, M: Array) -> Array:
         members = self.members(M)
         weights = (members.min() / members) ** _SHARPNESS
-        G = self.member_gradient(M, weights / weights.sum())
-        return np.asarray(G)
+        return self.member_gradient(M, weights / weights.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +199,12 @@ class Rivals(Smallest):
 
     def _directions(self, M: Array) -> list[Array]:
         """``M^-1 V^T K delta`` of both, shape (..., p, 1); delta is one size of every parameter."""
-        found: list[Array] = []
+        directions = []
         for V in self.V:
             W = solved(M, V.T)
             delta = np.full((len(V), 1), len(V) ** -0.5)
-            found.append(np.asarray(W @ solved(V @ W, delta)))
-        return found
+            directions.append(np.asarray(W @ solved(V @ W, delta)))
+        return directions
 
     def members(self, M: Array) -> Array:
         values = [np.swapaxes(d, -1, -2) @ M @ d for d in self._directions(M)]

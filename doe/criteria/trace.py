@@ -10,6 +10,7 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.errors import CalibError
 from doe.criteria.protocol import Conic, Criterion, Question, solved
+from doe.optimal.blocks import trace_decrease
 
 _UNNEEDED = 1e-7  # share of the mean that every direction counts, needed at the targets or not
 
@@ -39,9 +40,9 @@ class Trace(Criterion):
         W = solved(M, self.F)
         return np.asarray(W @ W.T / np.vdot(self.F, W) ** 2)
 
-    def leaning(self, cov: Array) -> Array:
+    def gain(self, cov: Array, rows: Array) -> Array:
         W = cov @ self.F
-        return np.asarray(W @ W.T)
+        return trace_decrease(cov, W @ W.T, rows)
 
     def conic(self, M: Any, at: Array) -> Conic:
         import cvxpy as cp
@@ -71,7 +72,7 @@ class Average(Trace):
 
 
 @dataclass(frozen=True, eq=False)
-class Combination(Trace):
+class Combination(Average):
     """c: variance of one parameter or of one linear combination, in its units."""
 
     name: ClassVar[str] = "c"
@@ -79,11 +80,7 @@ class Combination(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        if question.interest is None:
-            raise CalibError(
-                "criterion c needs one parameter or combination; say which (of), as NAME[=FACTOR],.."
-            )
-        return cls(question.chosen(question.shown).T)
+        return cls(question.chosen(question.shown, needed_by="c").T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +105,7 @@ class Task(Trace):
 
     @classmethod
     def of(cls, question: Question) -> Self:
-        return cls.at_targets(question.targets, question.target_weights)
-
-    @classmethod
-    def at_targets(cls, rows: Array, weights: Array) -> Self:
-        """The criterion for rows (K, r, p), m per y, of K targets, and their weights (K,).
-
-        Raises CalibError where the rows are nothing.
-        """
-        rows = rows * np.sqrt(weights)[:, None, None]
+        rows = question.targets * np.sqrt(question.target_weights)[:, None, None]
         if not rows.any():
             raise CalibError(
                 "nothing in the model moves the targets, so that every plan is as good there; add "
@@ -132,9 +121,8 @@ class Task(Trace):
         """
         p = rows.shape[1]
         least = np.sqrt(_UNNEEDED * (rows**2).sum() / p) or 1.0
-        return cls(
-            _root(np.vstack([rows, least * np.eye(p)])), cls(_root(rows)) if rows.any() else None
-        )
+        plain = cls(_root(rows)) if rows.any() else None
+        return cls(_root(np.vstack([rows, least * np.eye(p)])), plain)
 
     @property
     def plain(self) -> Criterion:

@@ -27,8 +27,8 @@ from doe.forecast.unseen import PredictionError, at_ends, at_held_out
 from doe.information import Linearisation, TargetErrors
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
-from doe.optimal.exchange import greedy
-from doe.optimal.selection import Selection
+from doe.optimal.function import Selection
+from doe.optimal.search import greedy
 
 _PART = 0.5  # of what the model seems to lack, that must be more than chance
 _SURE = 0.95
@@ -88,24 +88,23 @@ def lasting_error(
     at = Estimate(
         model, values, unknown, 0.0, none, (), variances=arm, configuration_of="instrument"
     )
-    rest, seen, moved_on = none, None, 0.0
-    if found is not None:
-        known = estimate_of(found, cell.design.targets_after or 0.0)
-        at, rest = replace(at, configuration_of=known.configuration_of), known.discrepancy
-        moved_on = task_error(ExpectedError(known, targets).trend, weights)[0]
-        rest = replace(rest, rms=float(np.hypot(rest.rms, moved_on)))
-        seen = _seen(found)
 
     def rms(errors: Array) -> float:
         return task_error(errors, weights)[0]
 
+    rest, seen, trend = none, PredictionError(), 0.0
+    if found is not None:
+        known = estimate_of(found, cell.design.targets_after or 0.0)
+        at, rest = replace(at, configuration_of=known.configuration_of), known.discrepancy
+        trend = rms(ExpectedError(known, targets).trend)
+        rest = replace(rest, rms=float(np.hypot(rest.rms, trend)))
+        seen = _seen(found)
     error = ExpectedError(at, targets)  # of the arm, and of the model from pose to pose
     scatter, lacks = rms(np.hypot(error.arm, error.model)), rms(error.model)
     sure = float(np.hypot(lacks, rest.rms))
-    if seen is not None and (scatter or rest.rms):
+    if seen.source and (scatter or rest.rms):
         beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
         rest = max(rest, ModelDiscrepancy(beyond, seen.source), key=lambda one: one.rms)
-    seen = seen or PredictionError()
     part = _PART * float(np.hypot(lacks, rest.rms))
     lacking = LastingError(
         rms(error.arm),
@@ -115,21 +114,22 @@ def lasting_error(
         "undecided" if at.configuration_of == "undecided" else "arm",
         seen.discrepancy > 0.0 or (sure > 0.0 and sure >= part),
         np.sqrt(error.arm**2 + error.model**2 + rest.rms**2),
+        trend=trend,
+        after=None if found is None else cell.design.targets_after,
     )
     if found is None:
         return lacking
     unseen = None if found.undetected is None else found.undetected[1].variances
     hidden = rms(ExpectedError(replace(at, variances=unseen, configuration_of="arm"), targets).arm)
-    lacking = replace(lacking, trend=moved_on, after=cell.design.targets_after)
     return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.certain))
 
 
-def _seen(found: Identification) -> PredictionError | None:
-    """The error at poses that the fit was without, m."""
+def _seen(found: Identification) -> PredictionError:
+    """The error at poses that the fit was without, m: held-out ones, else the ends of the day."""
     fit, held = fitted_of(found), found.heldout
-    use_held = held is not None and held.data.seen.any()
-    seen = at_held_out(fit, held.data) if held is not None and use_held else at_ends(fit)
-    return None if seen is None else seen.times(found.footprint)
+    if held is not None and held.data.seen.any():
+        return at_held_out(fit, held.data).times(found.footprint)
+    return (at_ends(fit) or PredictionError()).times(found.footprint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class ForecastStep:
     task_most : float, m, that the error at the targets exceeds once in twenty
     from_parameters : float, m, the part of ``task_rms`` that more readings lower
     std : ndarray, shape (p,), SI, NaN for what is open
-    open : tuple of str, parameters that cannot be told
+    open : tuple of str, parameters that are not determined
     """
 
     pose: str | None
@@ -157,7 +157,7 @@ class ForecastStep:
 
 @dataclass(frozen=True, eq=False)
 class TaskError:
-    """The error that is expected at the cell's targets, as ``calib.identify`` will say it.
+    """The error that is expected at the cell's targets, as ``calib.identify`` will state it.
 
     targets : TargetErrors, per plausible size
     lacking : LastingError, the error there that no reading lowers
@@ -178,30 +178,24 @@ class TaskError:
         """
         model, dof = at.model, np.inf
         if found is not None:
-            told = found.levels is not None and not found.levels.estimated
-            as_a_whole = bool(lacking.rms) and not told
+            stated = found.levels is not None and not found.levels.estimated
+            as_a_whole = bool(lacking.rms) and not stated
             dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
         targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
         return cls(model, targets, lacking, dof)
 
-    def expected(self, pose: str | None, readings: int, told: LinearProblem) -> ForecastStep:
-        """What is known by then.
-
-        told : LinearProblem, all readings by then
-        """
+    def expected(self, pose: str | None, readings: int, known: LinearProblem) -> ForecastStep:
+        """What is known by all readings by then."""
         rows, weights, sizes = self.targets.rows, self.targets.weights, self.model.sizes
-        p, J = len(sizes), told.fitted[1] * sizes
+        p, J = len(sizes), known.fitted[1] * sizes
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(J, np.ones(p), ids)
-        known = np.zeros(p, dtype=bool)
-        known[choice.kept] = True
+        closed = np.isin(np.arange(p), choice.kept)
         span = np.eye(p)[:, choice.kept]
-        told = replace(told, span=sizes[:, None] * span)
-        cov = told.covariance / np.outer(sizes, sizes) + ignorance(J, span, np.ones(p), ~known)
-        squared = ((rows @ cov) * rows).sum(axis=(1, 2))
-        own = np.sqrt(np.maximum(squared, 0.0))
-        rms, worst = task_error(np.hypot(own, self.lacking.at_targets), weights)
-        variances = np.maximum(np.diag(cov), 0.0)
+        cov = replace(known, span=sizes[:, None] * span).covariance / np.outer(sizes, sizes)
+        cov = cov + ignorance(J, span, np.ones(p), ~closed)
+        squared = np.maximum(((rows @ cov) * rows).sum(axis=(1, 2)), 0.0)
+        rms, worst = task_error(np.hypot(np.sqrt(squared), self.lacking.at_targets), weights)
         most = float(np.hypot(rms, self.lacking.hidden)) * self._margin(cov, rms)
         return ForecastStep(
             pose,
@@ -209,8 +203,8 @@ class TaskError:
             rms,
             worst,
             most if pose else max(most, self.lacking.seen.rms),
-            task_error(own, weights)[0],
-            np.where(known, np.sqrt(variances) * sizes, np.nan),
+            task_error(np.sqrt(squared), weights)[0],
+            np.where(closed, np.sqrt(np.maximum(np.diag(cov), 0.0)) * sizes, np.nan),
             tuple(name for entry in choice.unidentifiable for name in entry.names),
         )
 
@@ -223,18 +217,15 @@ class TaskError:
         """
         from scipy.special import fdtri
 
-        share = np.sqrt(self.targets.weights)[:, None, None]
-        half = stacked(self.targets.rows * share)
-        spread = np.linalg.eigvals(cov @ (half.T @ half)).real
-        squares = float((spread**2).sum())
+        half = stacked(self.targets.rows * np.sqrt(self.targets.weights)[:, None, None])
+        spread = cov @ half.T @ half
+        squares = float((spread * spread.T).sum())
         drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def most_useful_first(
-    targets: TargetErrors, known: Array, rows: Array, sizes: Array, count: int
-) -> list[int]:
-    """Of n poses so many, each the one that lowers the error at the targets most after those before.
+def most_useful_first(targets: TargetErrors, known: Array, rows: Array, sizes: Array) -> list[int]:
+    """The n poses, each the one that lowers the error at the targets most after those before.
 
     targets : TargetErrors, per plausible size; sizes : ndarray, shape (p,), SI
     known : ndarray, shape (N, p), independent rows of what is known, per SI unit
@@ -242,14 +233,10 @@ def most_useful_first(
     """
     from scipy.linalg import solve_triangular
 
-    p = len(sizes)
+    p, weights = len(sizes), np.sqrt(targets.weights)[:, None, None]
     root = triangle(np.concatenate([known * sizes, np.eye(p) / _FREE]))
-    T = solve_triangular(
-        root, np.eye(p)
-    )  # coordinates in which the information now is the identity
-    own = rows * sizes @ T
-    at = stacked(targets.rows * np.sqrt(targets.weights)[:, None, None]) @ T
-    blocks = Blocks(pack(np.swapaxes(own, 1, 2) @ own), np.eye(p), min(rows.shape[1:]))
-    allowed = Allowed.any_of(len(rows), min(count, len(rows)))
-    chosen: list[int] = greedy(Selection(Task.of_rows(at), blocks, allowed)).tolist()
-    return chosen
+    T = solve_triangular(root, np.eye(p))  # in which the information now is the identity
+    J = rows * sizes @ T
+    blocks = Blocks(pack(np.swapaxes(J, 1, 2) @ J), np.eye(p), min(rows.shape[1:]))
+    task = Task.of_rows(stacked(targets.rows * weights) @ T)
+    return list(map(int, greedy(Selection(task, blocks, Allowed.any_of(len(rows), len(rows))))))

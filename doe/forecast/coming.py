@@ -1,4 +1,4 @@
-"""The readings to come: those of a plan that are left, and of poses beyond it."""
+"""The readings to come: those of a plan that are left."""
 
 from __future__ import annotations
 
@@ -8,26 +8,16 @@ import numpy as np
 
 from calib.api import Plan, in_turn, poses_of, readings, turn_of
 from calib.arm.statics import wrench_with_load
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import IntArray
 from calib.cell import Cell
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import Measurements, Poses
 from calib.poses.moves import alike, begins, in_order, moves, visits, with_moves
-from doe.candidates import Pool, drawn
-from doe.constraints import constraints_of, scene_of, visible
-from doe.information import Linearisation, by_visit
-from doe.levels import levels_of
+from doe.constraints import scene_of, visible
 
 _AS_TOLD = np.radians(0.01)  # rad: robots go where they are told, and plans are rounded to this
 _AS_TOLD_M = 1e-5
 _AS_NAMED = np.radians(5.0)  # rad: a pose that was moved a little for want of room
 _AS_NAMED_M = 0.05
-_DRAWN = 8192  # configurations, among which feasible ones are looked for
-
-
-def pace_of(poses: Poses) -> float:
-    """Time from one reading to the next [s], zero where nothing tells it."""
-    steps = np.zeros(0) if poses.time is None else np.diff(np.sort(poses.time))
-    return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
 def whole_day(
@@ -62,7 +52,9 @@ def _following(now: Poses, coming: Poses) -> Poses:
     fresh = np.append(begins(now)[order], np.zeros(len(coming), dtype=bool))
     both = moves(np.concatenate([now.q[order], coming.q]), fresh)
     approach, motion = (part[len(now) :] for part in both)
-    pace = pace_of(now)
+    # The pace of the data, zero where nothing tells it.
+    steps = np.diff(np.sort(np.zeros(0) if now.time is None else now.time))
+    pace = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     later = pace * ahead if coming.time is None else pace + coming.time - coming.time[0]
     prescribed = coming.approach is not None and not coming.approach_derived
     return replace(
@@ -89,38 +81,6 @@ def readings_of(cell: Cell, plan: Plan) -> Measurements:
     seen = visible(scene_of(cell, poses.q))
     blank = np.zeros((*seen.shape, cell.channels.width))
     return Measurements(poses, blank, seen, np.full(seen.shape, np.nan))
-
-
-def feasible(cell: Cell, data: Measurements, count: int, seed: int) -> Array:
-    """Up to ``count`` configurations that the cell allows and that are seen, (m, dof).
-
-    They keep to the levels of the cell's design where the readings in hand do.
-    """
-    levels, found = levels_of(cell, None, None), list[Array]()
-    if levels is not None and (levels.of(data.poses.q) < 0).any():
-        levels = None
-    for q in drawn(cell, _DRAWN, levels, seed):
-        found.append(Pool.feasible(cell, constraints_of(cell), levels, q).q)
-        if sum(map(len, found)) >= count:
-            break
-    return np.concatenate(found)[:count]
-
-
-def rows_of(at: Linearisation, data: Measurements, q: Array) -> Array:
-    """Independent rows of configurations (n, dof), each read as a pose of a plan, (n, r, p).
-
-    They are read where the data end. Where the arm stands no more, so soft would it be, they tell
-    nothing.
-    """
-    poses = readings(at.cell, poses_at(q))
-    last = data.poses.station[in_order(data.poses)[-1]]
-    poses = replace(poses, station=np.full(len(poses), last), stations=data.poses.stations)
-    visit = np.arange(len(poses)) % len(q)
-    given = data.sigma[np.isfinite(data.sigma) & data.seen]
-    sigma = float(np.median(given)) if len(given) else np.nan
-    seen = visible(scene_of(at.cell, q))[visit]
-    rows = by_visit(at.candidates(poses, seen, (visit, visit), sigma).by_reading, len(q))
-    return np.where(np.isfinite(rows).all(axis=(1, 2), keepdims=True), rows, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +111,15 @@ def match(cell: Cell, plan: Poses, data: Poses) -> Match:
     off = np.abs(wanted.q - data.q[:, None])
     there = np.all(off <= np.where(cell.robot.prismatic, _AS_TOLD_M, _AS_TOLD), axis=-1)
     near = np.all(off <= np.where(cell.robot.prismatic, _AS_NAMED_M, _AS_NAMED), axis=-1)
-    given, hung = (wrench_with_load(cell.robot, cell.gravity, poses) for poses in (data, wanted))
-    fits = _equally_loaded(given[:, :3], hung[:, :3])
+    # Free or loaded, not to the newton.
+    given, hung = (wrench_with_load(cell.robot, cell.gravity, p)[:, :3] for p in (data, wanted))
+    least = 0.5 * np.maximum.outer(*(np.linalg.norm(force, axis=1) for force in (given, hung)))
+    fits = np.linalg.norm(given[:, None] - hung, axis=-1) <= least
+    # The first reading of each stay and load, and all that are known by name.
+    _, first = np.unique(np.column_stack([visits(data), alike(data)]), axis=0, return_index=True)
+    counted = [*first, *np.setdiff1d(np.flatnonzero(np.any(named, axis=1)), first)]
     left, warnings = np.ones(len(wanted), dtype=bool), []
-    for one in _counted(data, np.any(named, axis=1)):
+    for one in counted:
         score = (left & fits[one]) * (2 * there[one] + (named[one] & near[one]))
         best = int(score.argmax())
         if score[best] > 0:
@@ -167,18 +132,3 @@ def match(cell: Cell, plan: Poses, data: Poses) -> Match:
             )
     whole = ~left.reshape(-1, count).any(axis=0)
     return Match(np.flatnonzero(left), int(whole.sum()), tuple(warnings))
-
-
-def _counted(data: Poses, known: Mask) -> list[int]:
-    """Readings that may be the plan's: the first of each stay and load, and all known by name."""
-    keys = np.column_stack([visits(data), alike(data)])
-    _, first = np.unique(keys, axis=0, return_index=True)
-    rest = np.setdiff1d(np.flatnonzero(known), first)
-    return [int(i) for i in (*first, *rest)]
-
-
-def _equally_loaded(given: Array, wanted: Array) -> Mask:
-    """Whether the arm is as loaded as it should be, (m, n): free or loaded, not to the newton."""
-    lengths = (np.linalg.norm(forces, axis=1) for forces in (given, wanted))
-    least = 0.5 * np.maximum.outer(*lengths)
-    return np.asarray(np.linalg.norm(given[:, None] - wanted, axis=-1) <= least)

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import IntArray, stacked
 from calib.cell import Cell
 from calib.errors import EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise import believed_sigma
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.poses import Measurements, Poses
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
-from doe.curve import stops_paying
 from doe.forecast.accuracy import (
     ForecastStep,
     LastingError,
@@ -28,11 +26,10 @@ from doe.forecast.accuracy import (
     lasting_error,
     most_useful_first,
 )
-from doe.forecast.coming import Match, feasible, match, rows_of, whole_day
-from doe.information import Linearisation, nominal
-from doe.plan import named
+from doe.forecast.coming import Match, match, whole_day
+from doe.information import Linearisation, Rows, nominal
+from doe.plan import stops_paying
 
-_CANDIDATES = 1000
 _MOST_FRESH = 30
 
 
@@ -66,24 +63,18 @@ class Enough(Result):
     def sentences(self) -> list[str]:
         if self.found is None:
             return [f"Enough: the readings so far do not suffice: {self.why}"]
-        now, end = self.steps[0], self.steps[-1]
-        said = f"Enough: expected error at the targets {1e3 * now.task_rms:.3g} mm RMS now"
-        if len(self.steps) > 1:
-            said += (
-                f", {1e3 * end.task_rms:.3g} mm after the {len(self.steps) - 1} poses still to come"
-            )
-        if self.goal is None:
-            return [said]
-        goal = f"goal {1e3 * self.goal:.3g} mm: "
-        if self.beyond_reach:
-            return [said, goal + "no number of poses meets it, as the model lacks something"]
-        needed = self.needed
-        if needed is None:
-            return [said, goal + "out of reach of these poses"]
-        return [
-            said,
-            goal + (f"met after {needed} poses more" if needed else "met, 19 times in 20"),
-        ]
+        errors = [f"{1e3 * step.task_rms:.3g} mm" for step in (self.steps[0], self.steps[-1])]
+        coming = f", {errors[1]} after the {len(self.steps) - 1} poses still to come"
+        now = f"Enough: expected error at the targets {errors[0]} RMS now"
+        sentences = [now + coming * (len(self.steps) > 1)]
+        if self.goal is not None:
+            verdict = "out of reach of these poses"
+            if self.beyond_reach:
+                verdict = "no number of poses meets it, as the model lacks something"
+            elif self.needed is not None:
+                verdict = f"met after {self.needed} poses more, 19 times in 20"
+            sentences.append(f"goal {1e3 * self.goal:.3g} mm: {verdict}")
+        return sentences
 
     def rows(self) -> list[dict[str, object]]:
         return [
@@ -109,23 +100,21 @@ class Enough(Result):
     @property
     def needed(self) -> int | None:
         """How many of the poses still to come the goal needs; None where it is out of their reach."""
-        found = [k for k, step in enumerate(self.steps) if self.reaches(step)]
-        return found[0] if found else None
+        return next((k for k, step in enumerate(self.steps) if self.reaches(step)), None)
 
     @property
     def fresh_needed(self) -> int | None:
         """How many poses beyond the plan the goal needs; None if more than were tried."""
-        found = [k + 1 for k, step in enumerate(self.fresh) if self.reaches(step)]
-        return found[0] if found else None
+        return next((k for k, step in enumerate(self.fresh, 1) if self.reaches(step)), None)
 
     @property
     def pays_until(self) -> int | None:
         """Poses still to come after which more of them only average noise; None while some is open."""
-        settled = [step for step in self.steps if not set(step.open) - set(self.steps[-1].open)]
-        at = stops_paying([s.readings for s in settled], [s.task_rms for s in settled])
-        return next(
-            (k for k, s in enumerate(self.steps) if s.readings == at and s in settled), None
-        )
+        open_in_the_end = set(self.steps[-1].open)
+        settled = [k for k, step in enumerate(self.steps) if set(step.open) <= open_in_the_end]
+        steps = [self.steps[k] for k in settled]
+        at = stops_paying([step.readings for step in steps], [step.task_rms for step in steps])
+        return next((k for k in settled if self.steps[k].readings == at), None)
 
 
 @one_blas_thread
@@ -136,20 +125,19 @@ def enough(
     *,
     heldout: Measurements | None = None,
     goal: float | None = None,
-    seed: int = 0,
 ) -> Enough:
-    """Say what the data tell, and what the rest of a plan adds, pose by pose in the best order.
+    """Judge whether the data suffice, and what the rest of a plan adds, pose by pose.
 
-    data : the readings so far; poses of the plan among them are found by their joints, or their names
+    data : the readings so far; poses of the plan among them are recognised by joints, or by names
     plan : the plan that is being measured, None for the data alone
     heldout : poses that take no part: what they miss by is expected elsewhere, too
     goal : expected RMS error at the targets that is wanted, m
-    seed : of the fresh candidates by which poses beyond the plan are judged
 
     The order is greedy: each pose is the one that lowers the expected error most beside those before
     it. The noise is what the data show; outliers count nothing. Time, temperature and approach of what
     is to come follow the data and the plan's order, whatever the order here. What the model lacks is
     taken from held-out poses, else from the first and the last readings, each predicted by the others.
+    Poses beyond the plan tell as much as those before them in the mean.
 
     Raises CalibError where the whole plan would not do.
     """
@@ -162,24 +150,18 @@ def enough(
     readings, pose = whole_day(cell, data, plan, done.left)
     arm, at = _linearised(cell, readings.poses, found)
     lacking = lasting_error(cell, at.model, at.values, arm, found)
-    day, task = Day.of(at, readings, pose, found), TaskError.at(at, lacking, found)
-    steps = tuple(day.steps(task, day.order(task), plan.names))
-    model, read = at.model, day.data
-    footprint = model.footprint(at.values, data)
+    read, rows = _rows(at, readings, pose, found)
+    task, model = TaskError.at(at, lacking, found), at.model
+    steps = tuple(_steps(task, rows, pose, plan.names))
+    footprint = model.footprint(at.values, read)
     sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
-    known_after_all = result.needed is not None or result.beyond_reach
+    settled = goal is None or result.needed is not None or result.beyond_reach
     unplanned = any(e.uses for e in model.effects) or any(i.touches for i in cell.instruments)
-    if goal is None or known_after_all or unplanned:
+    if settled or unplanned:
         return result
-    q = day.fresh(task, seed)
-    if not len(q):
-        return result
-    names = [f"fresh{k + 1}" for k in range(len(q))]
-    further = Day.of(at, *whole_day(cell, read, named(q)), found)
-    _, *beyond = further.steps(task, range(len(q)), names)
-    met = [k + 1 for k, step in enumerate(beyond) if result.reaches(step)]
-    return replace(result, fresh=tuple(beyond[: met[0]] if met else beyond))
+    fresh = _beyond(task, rows, len(np.unique(read.poses.configuration)))
+    return replace(result, fresh=fresh[: replace(result, fresh=fresh).fresh_needed])
 
 
 def _linearised(
@@ -187,7 +169,7 @@ def _linearised(
 ) -> tuple[Variances, Linearisation]:
     """How the arm scatters, and the model of the whole day to first order, as identified so far.
 
-    Readings count with scatter that was not found, as the identification has it.
+    Readings count with scatter that was not detected, as the identification has it.
     """
     model = build(cell, poses).model
     if found is not None:  # with what the readings leave to be believed of type, sizes and noise
@@ -197,79 +179,61 @@ def _linearised(
     arm = hidden = Variances.of_arm(model.robot.dof, cell.repeatability)
     if found is not None:
         known = dict(zip((p.id for p in found.model.parameters), found.values, strict=True))
-        values = np.array(
-            [known.get(p.id, v) for p, v in zip(model.parameters, values, strict=True)]
-        )
+        pairs = zip(model.parameters, values, strict=True)
+        values = np.array([known.get(p.id, v) for p, v in pairs])
         arm = arm if found.levels is None else found.levels.variances
         arm = arm if arm.any else replace(arm, scale=found.noise.divisor)
         hidden = arm if found.undetected is None else found.undetected[1].variances
     return arm, Linearisation(cell, model, values, hidden)
 
 
-@dataclass(frozen=True, eq=False)
-class Day:
-    """Readings in hand and to come, to first order.
+def _rows(
+    at: Linearisation, data: Measurements, pose: IntArray, found: Identification | None
+) -> tuple[Measurements, Rows]:
+    """All readings of the day, those to come where they are expected, and their rows.
 
-    data : Measurements, those to come where they are expected; pose : ndarray of int, shape (m,), of
-        what is to come, -1 for what is in hand
-    known : LinearProblem, of all of them and what is known beside
+    pose : ndarray of int, shape (m,), of what is to come, -1 for what is in hand
     """
+    expected = at.model.predict(at.values, data.poses)  # noise has a range
+    points = np.where((pose >= 0)[:, None, None], expected, data.readings)
+    data = after_the_first_move(at.model, replace(data, readings=points))
+    kept, pull = np.ones(len(data), dtype=bool), 1.0
+    if found is not None:
+        kept[: len(found.fit.outlier)] = ~found.fit.outlier
+        # What is believed weighs more beside arms that scatter, as it does in the estimate.
+        pull = found.prior_weight if at.arm.any else found.prior_weight / found.noise.divisor
+    # The estimate weighs whole poses as the cell says that the arm scatters.
+    stated = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
+    weighing = stated if stated.any else None
+    return data, replace(at.of(data, kept), pull=pull, weighing=weighing)
 
-    at: Linearisation
-    data: Measurements
-    pose: IntArray
-    known: LinearProblem
 
-    @classmethod
-    def of(
-        cls, at: Linearisation, data: Measurements, pose: IntArray, found: Identification | None
-    ) -> Day:
-        """Points of what is to come are those expected after what is measured: noise has a range."""
-        expected = at.model.predict(at.values, data.poses)
-        points = np.where((pose >= 0)[:, None, None], expected, data.readings)
-        data = after_the_first_move(at.model, replace(data, readings=points))
-        kept = np.ones(len(data), dtype=bool)
-        # By how much more what is believed weighs beside arms that scatter, as it does in the estimate.
-        pull = 1.0
-        if found is not None:
-            kept[: len(found.fit.outlier)] = ~found.fit.outlier
-            pull = found.prior_weight if at.arm.any else found.prior_weight / found.noise.divisor
-        known = replace(at.of(data, kept), prior_weight=pull)
-        arm = Variances.of_arm(at.model.robot.dof, at.cell.repeatability)
-        if arm.any:  # the estimate weighs whole poses as the cell says that the arm scatters
-            known = replace(known, weighing=replace(at, arm=arm).of(data, kept).mixing)
-        return cls(at, data, pose, known)
+def _steps(
+    task: TaskError, rows: Rows, pose: IntArray, names: Sequence[str]
+) -> Iterator[ForecastStep]:
+    """What is known now, then with each further pose, the most useful first."""
+    done = pose < 0
+    now, to_come = rows.take(done).problem, np.unique(pose[~done])
+    yield task.expected(None, int(done.sum()), now)
+    if not len(to_come):
+        return
+    each = [stacked(rows.take(pose == k).problem.rows()) for k in to_come]
+    most = max(map(len, each))
+    padded = np.array([np.pad(J, ((0, most - len(J)), (0, 0))) for J in each])
+    known = np.concatenate([stacked(now.rows()), now.held])
+    for i in most_useful_first(task.targets, known, padded, task.model.sizes):
+        done = done | (pose == to_come[i])
+        yield task.expected(names[to_come[i]], int(done.sum()), rows.take(done).problem)
 
-    def steps(
-        self, task: TaskError, order: Iterable[int], names: Sequence[str]
-    ) -> Iterator[ForecastStep]:
-        """What is known now, then with each further pose."""
-        done = self.pose < 0
-        for k in (-1, *order):
-            done = done | (self.pose == k)
-            read = replace(self.known, J=self.known.J * done[:, None, None])
-            yield task.expected(names[k] if k >= 0 else None, int(done.sum()), read)
 
-    def order(self, task: TaskError) -> list[int]:
-        """The poses still to come, each the one that adds most beside those before it."""
-        poses = np.unique(self.pose[self.pose >= 0])
-        each = [stacked(self.known.by_reading[self.pose == k]) for k in poses]
-        most = max(map(len, each), default=0)
-        rows = [np.pad(own, ((0, most - len(own)), (0, 0))) for own in each]
-        return [int(poses[i]) for i in self._best(task, self.pose < 0, rows, len(rows))]
-
-    def fresh(self, task: TaskError, seed: int) -> Array:
-        """Joint values of poses beyond the plan, (n, dof): those that add most come first."""
-        q = feasible(self.at.cell, self.data, _CANDIDATES, seed)
-        rows = rows_of(self.at, self.data, q) if len(q) else q
-        return q[self._best(task, np.full(len(self.pose), True), rows, _MOST_FRESH)]
-
-    def _best(
-        self, task: TaskError, done: Mask, rows: Sequence[Array] | Array, count: int
-    ) -> list[int]:
-        """So many poses of these rows, the most useful first, beside some of the readings."""
-        if not len(rows):
-            return []
-        beside = np.concatenate([stacked(self.known.by_reading[done]), self.known.held])
-        sizes = task.model.sizes
-        return most_useful_first(task.targets, beside, np.asarray(rows), sizes, count)
+def _beyond(task: TaskError, rows: Rows, poses: int) -> tuple[ForecastStep, ...]:
+    """What is known with more poses, each of which tells as much as the mean one of those before."""
+    each = round(len(rows.J) / poses)
+    return tuple(
+        task.expected(
+            f"fresh{k}",
+            len(rows.J) + k * each,
+            replace(rows, J=rows.J * np.sqrt(1.0 + k / poses)).problem,
+        )
+        for k in range(1, _MOST_FRESH + 1)
+    )

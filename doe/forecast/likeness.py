@@ -1,4 +1,4 @@
-"""How far causes can be told from each other by readings to come.
+"""How far causes can be separated by readings to come.
 
 A cause e that is there, of noncentrality lambda once all modelled is projected out, leaves
 ``lambda_{e|f} = lambda (1 - rho^2)`` beside a rival f that is fitted in its place; rho is the part of
@@ -9,12 +9,9 @@ Biometrika 62(1), 1975). The scores of both differ by about
     var   4 lambda_{e|f} + 2 (k_e + k_f) - 4 sum(c^2)
 
 with c the canonical correlations of both, k their directions and N the rows: the first two moments of a
-quadratic form in normal readings, less Schwarz's price of the directions. With one direction each and a
-large lambda the right one is preferred with probability ``Phi(sqrt(lambda_{e|f}) / 2)``.
-
-A cause of several parameters may be imitated in one direction and not in another. Its worst may be a
-combination that nobody meets and its mean hides it, so where nothing is known of its values
-probabilities are averaged over parameters drawn at their plausible sizes.
+quadratic form in normal readings, less Schwarz's price of the directions. The worst combination of a
+cause's parameters may be one that nobody meets, and their mean hides it: probabilities are averaged
+over parameters drawn at their plausible sizes.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ from calib.inference.evidence import VISIBLE, visible_directions
 from calib.sobol import Sobol
 
 SURE = 0.95
-"""Probability of preferring the right one at which two causes count as told apart."""
+"""Probability of preferring the right one at which two causes count as separated."""
 _DRAWS = 64
 _FINEST, _LARGEST = 1e-2, 1e10  # noncentralities between which the one that is needed is sought
 _HALVINGS = 40
@@ -89,10 +86,10 @@ class Likeness:
         never, at_once = (self.preferred(np.exp(x), rows) for x in (high, low))
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            told = self.preferred(np.exp(middle), rows) >= sure
-            low, high = np.where(told, low, middle), np.where(told, middle, high)
-        found = np.where(at_once >= sure, 0.0, np.exp(high))
-        return np.asarray(np.where(never < sure, np.inf, found))
+            enough = self.preferred(np.exp(middle), rows) >= sure
+            low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+        least = np.where(at_once >= sure, 0.0, np.exp(high))
+        return np.asarray(np.where(never < sure, np.inf, least))
 
 
 def likeness(
@@ -118,8 +115,7 @@ def likeness(
         imitated = np.add.reduceat((crossed[:, at] @ along) ** 2, starts[:-1], axis=0)
         size = (along**2).sum(axis=0)
         left.append(np.minimum(1.0 - imitated / np.where(size > 0.0, size, 1.0), 1.0))
-    beside = np.array(left)
-    squares = np.add.reduceat(crossed**2, starts[:-1], axis=0)
+    beside, squares = np.array(left), np.add.reduceat(crossed**2, starts[:-1], axis=0)
     return Likeness(
         np.array([int(seen.sum()) for _, seen in bases]),
         np.where(beside < VISIBLE**2, 0.0, beside),  # the rest is rounding
@@ -132,5 +128,5 @@ def plausible(sizes: Array) -> Array:
     """Normal draws of parameters (k, D) of plausible sizes (k,), the same at every call."""
     from scipy.special import ndtri
 
-    sampler = Sobol(len(sizes), np.random.default_rng(0))
-    return np.asarray(sizes[:, None] * ndtri(sampler.random(_DRAWS)).T)
+    even = Sobol(len(sizes), np.random.default_rng(0)).random(_DRAWS)
+    return np.asarray(sizes[:, None] * ndtri(even).T)

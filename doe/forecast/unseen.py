@@ -33,13 +33,9 @@ class PredictionError:
 
     def times(self, factor: float) -> PredictionError:
         """The same figures in another unit of length."""
-        return PredictionError(
-            factor * self.rms,
-            factor * self.lacking,
-            factor * self.discrepancy,
-            factor * self.certain,
-            self.source,
-        )
+        rms, lacking = factor * self.rms, factor * self.lacking
+        rest, certain = factor * self.discrepancy, factor * self.certain
+        return PredictionError(rms, lacking, rest, certain, self.source)
 
 
 def at_held_out(fit: FittedModel, heldout: Measurements) -> PredictionError:
@@ -53,16 +49,20 @@ def at_ends(fit: FittedModel) -> PredictionError | None:
     What drifts or warms up hides among readings of the same hours, and fresh poses come later. None
     where the others do not determine the model.
     """
-    order, found = in_order(fit.data.poses), []
+    order, errors = in_order(fit.data.poses), list[PredictionError]()
     for way in (order, order[::-1]):
         ends = (np.sort(way[: round(part * len(way))]) for part in _ENDS)
-        errors = (_at_end(fit, end) for end in ends if len(end))
-        found += [error for error in errors if error is not None][:1]
-    return max(found, key=lambda error: error.lacking, default=None)
+        tried = (_at_end(fit, end) for end in ends if len(end))
+        errors += [error for error in tried if error is not None][:1]
+    return max(errors, key=lambda error: error.lacking, default=None)
 
 
 def _at_end(fit: FittedModel, end: IntArray) -> PredictionError | None:
-    """The error at some readings by a fit to the others; None where those do not determine it."""
+    """The error at some readings by a fit to the others; None where those do not determine it.
+
+    A score test says whether it may be chance: where the parameters are uncertain tells little. Points
+    of a pose err together: one counts.
+    """
     member = np.isin(np.arange(len(fit.data)), end).astype(int)
     errors, rows = fit.left_out(member)
     if not rows.determined[1]:
@@ -74,43 +74,35 @@ def _at_end(fit: FittedModel, end: IntArray) -> PredictionError | None:
     # As uncertain as the parameters are, which may follow poses that err as a whole.
     inside = fit.squared(data, *fit.predicted(data)).parameters.sum()
     size = max(float(fit.squared(data, off, spread).parameters.sum()), 1e-300)
-    return _score_tested(fit, data, off, spread * np.sqrt(rows.growth[1] * inside / size))
+    spread = spread * np.sqrt(rows.growth[1] * inside / size)
 
-
-def _score_tested(
-    fit: FittedModel, data: Measurements, off: Array, spread: Array
-) -> PredictionError:
-    """The error at the ends of the day, and by a score test whether it may be chance.
-
-    Where the parameters are uncertain tells little. Points of a pose err together: one counts.
-    """
-    found = _error(fit, data, off, spread, "the ends of the day")
+    error = _error(fit, data, off, spread, "the ends of the day")
     read, squares = data.seen[..., None] & fit.lengths, fit.squared(data, off, spread)
     seen, scatter = squares.seen, squares.arm
     if not (fit.sigma and seen.any()):
-        return found
+        return error
     each = np.sqrt(fit.sigma**2 + scatter / np.maximum(squares.numbers, 1))
     each = np.broadcast_to(each[..., None], read.shape)[read]
     together = float(seen.sum() / seen.any(axis=1).sum()) if scatter.any() else 1.0
     _, chance = _excess(off[read] / each, spread[read] / each[:, None], 1.0, together)
-    beyond = 0.0 if chance else max(0.0, found.certain**2 - float(scatter[seen].mean()))
-    return replace(found, lacking=found.certain, discrepancy=float(np.sqrt(beyond)))
+    beyond = 0.0 if chance else max(0.0, error.certain**2 - float(scatter[seen].mean()))
+    return replace(error, lacking=error.certain, discrepancy=float(np.sqrt(beyond)))
 
 
 def _error(
     fit: FittedModel, data: Measurements, off: Array, spread: Array, source: str
 ) -> PredictionError:
     """Of errors (m, C, r), m, where a fit was without, and the root of their covariance (.., k)."""
-    found = fit.squared(data, off, spread)
-    if not found.seen.any():
+    squares = fit.squared(data, off, spread)
+    if not squares.seen.any():
         return PredictionError(source=source)
-    lacking = certain = found.beyond(found.noise + found.parameters)
+    lacking = certain = squares.beyond(squares.noise + squares.parameters)
     read = data.seen[..., None] & fit.lengths
     excess, chance = _excess(off[read], spread[read], fit.sigma)
     if chance:
-        certain = float(np.sqrt(max(0.0, excess) * read.sum() / found.seen.sum()))
-    rms = found.beyond(found.noise)
-    return PredictionError(rms, lacking, found.discrepancy, certain, source)
+        certain = float(np.sqrt(max(0.0, excess) * read.sum() / squares.seen.sum()))
+    rms = squares.beyond(squares.noise)
+    return PredictionError(rms, lacking, squares.discrepancy, certain, source)
 
 
 def _excess(off: Array, spread: Array, sigma: float, together: float = 1.0) -> tuple[float, bool]:

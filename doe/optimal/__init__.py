@@ -1,10 +1,7 @@
 """Optimal designs of any kind: arrays of information in, weights, plans and proofs out.
 
-What stands here knows no robot. Candidates are information matrices
-(:class:`~doe.optimal.blocks.Blocks`), plans are sets of them by simple rules
-(:class:`~doe.optimal.allowed.Allowed`), and an information function says what is best
-(:class:`~doe.optimal.function.InformationFunction`): together a
-:class:`~doe.optimal.selection.Selection`, which knows what no plan surpasses. Best weights come from
-:mod:`~doe.optimal.relax`, which bound what any plan reaches, and whole plans from
+No module here knows a robot. Candidates are information matrices (:mod:`~doe.optimal.blocks`), plans
+are sets of them by simple rules (:mod:`~doe.optimal.allowed`), and an information function says what is
+best (:mod:`~doe.optimal.function`). Best weights come from :mod:`~doe.optimal.relax`, whole plans from
 :mod:`~doe.optimal.search`.
 """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -14,9 +14,7 @@ from calib.arrays import Array, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Allowed:
-    """Plans of ``used`` levels with so many poses each.
-
-    Without levels there is one group, from which all poses come.
+    """Plans of ``used`` levels with so many poses each; without levels all come from one group.
 
     group : ndarray of int, shape (n,), level of each candidate, 0 .. L - 1
     positions : ndarray, shape (L,), rad or m, ascending: where the levels are
@@ -61,12 +59,14 @@ class Allowed:
         return replace(self, group=self.group[index])
 
     def best(self, scores: Array) -> tuple[float, IntArray]:
-        """Largest sum of scores of a plan, and its candidates, shape (size,)."""
+        """Largest sum of scores of a plan, and its candidates, shape (size,); none: -inf."""
         tops = self._tops(scores)
-        short = np.array([len(top) for top in tops]) < self.counts
+        short = [len(top) < count for top, count in zip(tops, self.counts, strict=True)]
         totals = np.where(short, -np.inf, [scores[top].sum() for top in tops])
-        used = self._best_levels(totals)
-        return float(totals[used].sum()), np.concatenate([tops[level] for level in used])
+        total, levels = float(totals.sum()), tuple(range(len(tops)))
+        if self.chooses_levels:
+            total, levels = self._best_levels(totals)
+        return total, np.concatenate([self.group[:0], *(tops[level] for level in levels)])
 
     def leading(self, scores: Array, counts: IntArray) -> IntArray:
         """So many of the best candidates of each level (L,), all where there are fewer."""
@@ -74,47 +74,33 @@ class Allowed:
             [_largest(m, scores, k) for m, k in zip(self.members, counts.tolist(), strict=True)]
         )
 
-    def again(self, scores: Array, count: int) -> IntArray:
-        """Candidates whose second visits have the largest sum of scores, shape (count,)."""
-        if self.repeats:
-            return np.full(count, scores.argmax())
-        return np.argsort(-scores)[:count]
-
     def _tops(self, scores: Array) -> list[IntArray]:
-        """Best candidates of each level, none where it has too few."""
-        found = []
+        """Best candidates of each level, fewer than a plan needs where it has too few."""
+        tops = []
         for members, k in zip(self.members, self.counts.tolist(), strict=True):
-            if k == 0 or len(members) < (1 if self.repeats else k):
-                found.append(members[:0])
-            elif self.repeats:
-                found.append(np.repeat(members[scores[members].argmax()], k))
+            if self.repeats and k and len(members):
+                tops.append(np.repeat(members[scores[members].argmax()], k))
             else:
-                found.append(_largest(members, scores, k))
-        return found
+                tops.append(_largest(members, scores, k))
+        return tops
 
-    def _best_levels(self, totals: Array) -> IntArray:
-        """Levels of the largest sum that keep their distance: dynamic programming along the joint."""
-        if not self.chooses_levels:
-            return np.arange(len(totals))
-        L = len(totals)
+    def _best_levels(self, totals: Array) -> tuple[float, tuple[int, ...]]:
+        """Largest sum of levels that keep their distance, and these: along the joint."""
         # Number of levels below each one that are far enough away to go with it.
         far = np.searchsorted(self.positions, self.positions - self.separation + 1e-12, "right")
-        far = np.minimum(far, np.arange(L))
-        best = np.full((self.used + 1, L + 1), -np.inf)
-        best[0] = 0.0
-        taken = np.zeros((self.used + 1, L + 1), dtype=bool)
-        for count, level in itertools.product(range(1, self.used + 1), range(L)):
-            with_it = totals[level] + best[count - 1, far[level]]
-            best[count, level + 1] = max(best[count, level], with_it)
-            taken[count, level + 1] = with_it > best[count, level]
-        used, level = [], L
-        for count in range(self.used, 0, -1):
-            while level > 0 and not taken[count, level]:
-                level -= 1
-            level -= 1
-            used.append(level)
-            level = int(far[level])
-        return np.array(used[::-1])
+        far = np.minimum(far, np.arange(len(totals)))
+
+        @cache
+        def best(count: int, below: int) -> tuple[float, tuple[int, ...]]:
+            """Of so many among the first levels."""
+            if not count or below < count:
+                return (-np.inf if count else 0.0), ()
+            total, levels = best(count - 1, int(far[below - 1]))
+            with_last = total + float(totals[below - 1]), (*levels, below - 1)
+            return max(best(count, below - 1), with_last)
+
+        total, levels = best(self.used, len(totals))
+        return total, levels if np.isfinite(total) else ()
 
     def admits(self, plan: IntArray) -> bool:
         """Whether candidates make a plan by the rules."""
@@ -126,7 +112,8 @@ class Allowed:
 
     def thresholds(self, scores: Array) -> Array:
         """Score that a candidate of each level must reach to enter the best plan, shape (L,)."""
-        return np.array([scores[t].min() if len(t) else np.inf for t in self._tops(scores)])
+        tops = zip(self._tops(scores), self.counts, strict=True)
+        return np.array([scores[t].min() if len(t) and len(t) >= k else np.inf for t, k in tops])
 
     def forced(self, scores: Array) -> Array:
         """Upper bound on the sum of scores of a plan that contains each candidate, shape (n,)."""

@@ -6,20 +6,23 @@ certificate that all of ``doe`` rests on. At any positive definite M, with G a s
 
     Phi(M') <= <G, M'>    for every information matrix M' ,
 
-so no plan is better than the largest ``<G, M'>``, which a sort of the candidates finds.
+so no plan is better than ``<G, M_fixed>`` and the largest sum of ``<G, M_i>``, which a sort of the
+candidates finds. Nothing is assumed of where M came from, so a solver's inaccuracy can make the bound
+loose, never wrong.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from calib.arrays import Array
-from doe.optimal.blocks import fall
+from calib.arrays import Array, IntArray
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import Blocks, trace_decrease
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,8 @@ class Conic:
     """A criterion for cvxpy.
 
     objective : expression to maximise, with the maximiser of the criterion; constraints : list
-    witness : callable, after the solution: a supergradient taken from the dual variables, for criteria
-        with a kink at the optimum; None where the gradient serves
+    witness : callable, after the solution: a supergradient from the dual variables, for criteria with a
+        kink at the optimum; None where the gradient serves
     """
 
     objective: Any
@@ -53,21 +56,12 @@ class InformationFunction(ABC):
         Tight: ``<G, M> = Phi(M)``, nearly so for criteria with a kink.
         """
 
-    def leaning(self, cov: Array) -> Array:
-        """What ranks candidates beside a plan of covariance (p, p): the gradient, or smoother.
+    def gain(self, cov: Array, rows: Array) -> Array:
+        """What ranks candidates beside a plan that lacks a pose, however much they tell, shape (n,).
 
-        In any scale, shape (p, p).
+        cov : ndarray, shape (p, p), of that plan; rows : ndarray, shape (n, r, p), of each candidate
         """
-        return self.gradient(np.asarray(np.linalg.inv(cov)))
-
-    def brought(self, cov: Array, into: Array) -> Array:
-        """What ranks candidates beside a plan that lacks a pose, however much they tell: shape (n,).
-
-        By what they lower of a trace of the covariance, exact where the criterion is one.
-
-        cov : ndarray, shape (p, p), without them; into : ndarray, shape (n, r, p), rows of each
-        """
-        return fall(cov, self.leaning(cov), into)
+        return trace_decrease(cov, self.gradient(np.asarray(np.linalg.inv(cov))), rows)
 
     @abstractmethod
     def conic(self, M: Any, at: Array) -> Conic:
@@ -84,3 +78,38 @@ class InformationFunction(ABC):
         Returns the cost at M, its gradient (q,) and rows (q, k) with Hessian ``rows @ rows^T``.
         """
         raise NotImplementedError(f"criterion {self.name} is not smooth")
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The choice of a plan: what is made large, what each candidate brings, which sets make a plan.
+
+    criterion : InformationFunction; blocks : Blocks, of n candidates; allowed : Allowed, over them
+    """
+
+    criterion: InformationFunction
+    blocks: Blocks
+    allowed: Allowed
+
+    def __len__(self) -> int:
+        return len(self.blocks)
+
+    def take(self, index: IntArray) -> Selection:
+        """The same over some of the candidates."""
+        return replace(self, blocks=self.blocks.take(index), allowed=self.allowed.take(index))
+
+    def value(self, plan: IntArray) -> float:
+        """The criterion of a plan."""
+        return float(self.criterion.value(self.blocks.total(plan)))
+
+    def bound(self, G: Array) -> float:
+        """No plan has a larger criterion than this, G, shape (p, p), being a supergradient."""
+        return self._of_fixed(G) + self.allowed.best(self.blocks.scores(G))[0]
+
+    def survivors(self, G: Array, value: float) -> IntArray:
+        """Candidates that a plan better than ``value`` may contain (reduced-cost fixing)."""
+        forced = self.allowed.forced(self.blocks.scores(G))
+        return np.flatnonzero(self._of_fixed(G) + forced > value)
+
+    def _of_fixed(self, G: Array) -> float:
+        return float((G * self.blocks.fixed).sum())

@@ -11,6 +11,7 @@ Xie, arXiv 2411.01405, 2024.)
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray
 from doe.optimal.allowed import Allowed
-from doe.optimal.selection import Selection
+from doe.optimal.function import Selection
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
@@ -109,11 +110,11 @@ def bounded(posed: Selection, relaxed: Relaxation) -> Relaxation:
 
 
 def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array | None]:
+    """Weights of all candidates, and a supergradient from the dual where there is one."""
     if part.criterion.smooth and not part.allowed.chooses_levels:
-        try:
+        # A singular step, on problems at the edge of rank: the cone program may still do.
+        with suppress(np.linalg.LinAlgError):
             return newton_weights(part, precision), None
-        except np.linalg.LinAlgError:
-            pass  # a singular step, on problems at the edge of rank: the cone program may still do
     solved = conic_weights(part, met)
     if solved is not None:
         return solved
@@ -144,16 +145,17 @@ def newton_weights(posed: Selection, precision: float) -> Array:
 
     precision : float, duality gap at which to stop, relative
     """
+    from scipy.linalg import cho_factor, cho_solve
+
     criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     q = len(blocks)
     present, group = np.unique(allowed.group, return_inverse=True)
     sums = (group == np.arange(len(present))[:, None]).astype(float)
     target = allowed.counts[present].astype(float)
-    top = target[group] if allowed.repeats else 1.0
     columns = blocks.matrices(np.arange(q))
     w: Array = (target / sums.sum(axis=1))[group]
     # Strictly inside even where a level has just as many candidates as it needs.
-    upper = np.maximum(top, w * (1.0 + 1e-9)) + 1e-12
+    upper = np.maximum(target[group] if allowed.repeats else 1.0, w * (1.0 + 1e-9)) + 1e-12
     slack = upper - w  # followed by itself: the difference loses its digits where w meets the bound
     y = np.zeros(len(present))
     lower_dual = upper_dual = np.full(q, len(blocks.fixed) / (2.0 * q))
@@ -168,24 +170,17 @@ def newton_weights(posed: Selection, precision: float) -> Array:
         H = rows @ rows.T
         H[np.diag_indices(q)] += lower_dual / w + upper_dual / slack
         right = -(slope + sums.T @ y) + centre / w - centre / slack
-        solved = _solve(H, np.column_stack([right, sums.T]))
-        schur = sums @ solved[:, 1:]
-        dy = np.linalg.solve(schur, sums @ solved[:, 0] - (target - sums @ w))
+        factor = cho_factor(H, check_finite=False)
+        solved = cho_solve(factor, np.column_stack([right, sums.T]), check_finite=False)
+        dy = np.linalg.solve(sums @ solved[:, 1:], sums @ solved[:, 0] - (target - sums @ w))
         dw = solved[:, 0] - solved[:, 1:] @ dy
         d_lower = (centre - lower_dual * dw) / w - lower_dual
         d_upper = (centre + upper_dual * dw) / slack - upper_dual
         step = min(_longest(w, dw), _longest(slack, -dw))
         dual_step = min(_longest(lower_dual, d_lower), _longest(upper_dual, d_upper))
-        w, slack = w + step * dw, slack - step * dw
-        y = y + dual_step * dy
+        w, slack, y = w + step * dw, slack - step * dw, y + dual_step * dy
         lower_dual, upper_dual = lower_dual + dual_step * d_lower, upper_dual + dual_step * d_upper
     return np.asarray(w)
-
-
-def _solve(H: Array, right: Array) -> Array:
-    from scipy.linalg import cho_factor, cho_solve
-
-    return np.asarray(cho_solve(cho_factor(H, check_finite=False), right, check_finite=False))
 
 
 def _longest(x: Array, dx: Array) -> float:
@@ -209,21 +204,18 @@ def conic_weights(posed: Selection, at: Array) -> tuple[Array, Array | None] | N
     columns = blocks.matrices(np.arange(q)).reshape(q, p * p).T
     M = cp.reshape(columns @ w + blocks.fixed.reshape(-1), (p, p), order="F") / allowed.size
     program = posed.criterion.conic(M, at)
-    constraints = [*_polytope(w, allowed), *program.constraints]
-    problem = cp.Problem(cp.Maximize(program.objective), constraints)
-    try:
-        with warnings.catch_warnings():
-            # "may be inaccurate": the certificate does not rest on the solver.
-            warnings.simplefilter("ignore")
-            problem.solve(solver=cp.CLARABEL)
-    except cp.SolverError:
-        return None
+    problem = cp.Problem(
+        cp.Maximize(program.objective), [*_polytope(w, allowed), *program.constraints]
+    )
+    with warnings.catch_warnings(), suppress(cp.SolverError):
+        # "may be inaccurate": the certificate does not rest on the solver.
+        warnings.simplefilter("ignore")
+        problem.solve(solver=cp.CLARABEL)
     if w.value is None or not np.isfinite(w.value).all():
         return None
-    try:
+    witness = None
+    with suppress(TypeError, ValueError):  # no duals
         witness = None if program.witness is None else program.witness()
-    except (TypeError, ValueError):  # no duals
-        witness = None
     return np.maximum(w.value, 0.0), witness
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, Finite, faults_in, result_options, value
+from studies.command import options
+from studies.command.call import Call, working
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 # fmt: off
 @click.command()
-@click.argument("before_path", metavar="BEFORE", type=PATH)
-@click.argument("after_path", metavar="AFTER", type=PATH)
-@value("--cell cell_path", "CELL", "The cell of AFTER. Default: the cell that AFTER names.")
-@value("--tolerance-mm", "X", "Largest allowed error at any target.", Finite(min=0, min_open=True))
-@result_options(figures=False, seed=False)
+@click.argument("before_path", metavar="BEFORE", type=options.PATH)
+@click.argument("after_path", metavar="AFTER", type=options.PATH)
+@options.value("--cell cell_path", "CELL", "The cell of AFTER. Default: the cell that AFTER names.")
+@options.value("--tolerance-mm", "X", "Largest allowed error at any target.", options.ABOVE_ZERO)
+@options.result(figures=False, seed=False)
 def changes(
-    before_path: Path, after_path: Path, cell_path: Path | None, tolerance_mm: float | None,
-    json_path: str | None,
+    call: Call, before_path: Path, after_path: Path, cell_path: Path | None,
+    tolerance_mm: float | None,
 ) -> None:
     """Say what moved on a robot between two results, and whether the first still holds.
 
@@ -39,7 +39,6 @@ def changes(
     """
     from calib import change
     from calib.files.estimate import load_estimate
-    from studies.results.base import envelope
     from studies.results.changes import ChangesResult
     from studies.results.identify import IdentifyResult
     from studies.results.read import read_as
@@ -48,13 +47,13 @@ def changes(
     days = {path: read_as(path, IdentifyResult) for path in paths}
     cell = _cell(days, cell_path)
     inputs = [cell.path, *cell.robot_files, *paths]
-    check_outputs([output_file(json_path)], inputs)
+    call.check(inputs)
     estimate = load_estimate(cell, after_path)
-    with faults_in(after_path), working("comparing the days"):
+    with options.faults_in(after_path), working("comparing the days"):
         before, after = (_day(days[path]) for path in paths)
         found = change.changes(cell, before, after, estimate)
-    names, made_from = (before_path.name, after_path.name), envelope(cell.name, inputs)
-    deliver(ChangesResult.of(found, estimate, names, tolerance_mm, made_from), json_path)
+    names, made_from = (before_path.name, after_path.name), call.envelope(cell.name, inputs)
+    call.deliver(ChangesResult.of(found, estimate, names, tolerance_mm, made_from))
 
 
 # fmt: on

@@ -7,29 +7,24 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import (
-    PATH,
-    cell_argument,
-    faults_in,
-    plan_names,
-    result_options,
-    value,
-)
+from studies.command import options
+from studies.command.call import Call, working
 
 
 # fmt: off
 @click.command()
-@cell_argument
-@click.argument("plan_paths", metavar="PLAN [PLAN ...]", nargs=-1, required=True, type=PATH)
-@value("--monte-carlo trials", "N", "Simulated experiments for each plan. 0: only predict.",
-       click.IntRange(0, 1_000_000), default=200, show_default=True)
-@value("--workers", "N", "Number of processes. Default: one for each processor.", click.IntRange(min=1))
-@value("--scheduler", "ADDRESS", "Compute on a dask scheduler, such as tcp://host:8786.", str)
-@result_options()
+@options.cell
+@click.argument("plan_paths", metavar="PLAN [PLAN ...]", nargs=-1, required=True, type=options.PATH)
+@options.value("--monte-carlo trials", "N", "Simulated experiments for each plan. 0: only predict.",
+               click.IntRange(0, 1_000_000), default=200, show_default=True)
+@options.value("--workers", "N", "Number of processes. Default: one for each processor.",
+               click.IntRange(min=1))
+@options.value("--scheduler", "ADDRESS",
+               "Compute on a dask scheduler, such as tcp://host:8786.", str)
+@options.result()
 def compare(
-    cell_path: Path, plan_paths: tuple[Path, ...], trials: int, workers: int | None,
-    scheduler: str | None, folder: Path | None, json_path: str | None, seed: int,
+    call: Call, cell_path: Path, plan_paths: tuple[Path, ...], trials: int, workers: int | None,
+    scheduler: str | None,
 ) -> None:
     """Predict and simulate the accuracy of each PLAN, for the marker-points and full-pose methods.
 
@@ -45,24 +40,21 @@ def compare(
     from calib.errors import InputError
     from studies.compare.engine import engine
     from studies.compare.simulate import MOST_TRIALS
-    from studies.results.base import envelope
     from studies.results.compare import CompareResult, compared
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, *plan_paths, *cell.named_files]
-    check_outputs([output_file(json_path)], inputs, folder)
+    call.check(inputs)
     for path in plan_paths:
         if plan_paths.count(path) > 1:
             raise InputError(path, "", "is given twice", "give each plan once")
     loaded = [calib.load_plan(cell, path) for path in plan_paths]
-    plans = dict(zip(plan_names(plan_paths), loaded, strict=True))
+    plans = dict(zip(options.plan_names(plan_paths), loaded, strict=True))
     several = len(os.sched_getaffinity(0)) if trials > MOST_TRIALS else 1
     with (
-        faults_in(cell_path, effects_of=cell_path),
+        options.faults_in(cell_path, effects_of=cell_path),
         engine(workers or several, scheduler) as executor,
         working("simulated experiments", total=trials * len(plans)) as progress,
     ):
-        found = compared(cell, plans, trials, seed=seed, executor=executor, progress=progress)
-    deliver(
-        CompareResult.of(cell, found, trials, envelope(cell.name, inputs, seed)), json_path, folder
-    )
+        found = compared(cell, plans, trials, seed=call.seed, executor=executor, progress=progress)
+    call.deliver(CompareResult.of(cell, found, trials, call.envelope(cell.name, inputs)))

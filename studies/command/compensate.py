@@ -6,21 +6,21 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, cell_argument, faults_in, result_options, value
+from studies.command import options
+from studies.command.call import Call, working
 
 
 # fmt: off
 @click.command()
-@cell_argument
-@click.argument("result_path", metavar="RESULT", type=PATH)
-@click.argument("targets_path", metavar="TARGETS", type=PATH)
-@value("-o --output plan_path", "FILE", "Write the targets with corrected joints as a plan.")
-@value("--tip", "LINK", "Of several tips the one that is to be in place.", str)
-@result_options(figures=False, seed=False)
+@options.cell
+@click.argument("result_path", metavar="RESULT", type=options.PATH)
+@click.argument("targets_path", metavar="TARGETS", type=options.PATH)
+@options.value("-o --output plan_path", "FILE", "Write the targets with corrected joints as a plan.")
+@options.value("--tip", "LINK", "Of several tips the one that is to be in place.", str)
+@options.result(figures=False, seed=False)
 def compensate(
-    cell_path: Path, result_path: Path, targets_path: Path, plan_path: Path | None, tip: str | None,
-    json_path: str | None,
+    call: Call, cell_path: Path, result_path: Path, targets_path: Path, plan_path: Path | None,
+    tip: str | None,
 ) -> None:
     """Correct joint commands, so that the real arm goes where the nominal arm should be.
 
@@ -39,21 +39,21 @@ def compensate(
     from calib.files.cartesian import is_cartesian, solution_said
     from calib.files.estimate import load_estimate
     from calib.files.write_tables import compensated_csv, nominal_table
-    from studies.results.base import envelope
     from studies.results.compensate import CompensateResult
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, result_path, targets_path]
-    check_outputs([plan_path, output_file(json_path)], inputs)
+    call.check(inputs, plan_path)
     table = nominal_table(cell, targets_path)
     estimate = load_estimate(cell, result_path)
     if not estimate.converged:
         raise InputError(result_path, "", "did not converge", "mend the identification first")
     targets, weights = calib.load_targets(cell, targets_path)
-    with faults_in(targets_path), working("correcting the targets"):
+    with options.faults_in(targets_path), working("correcting the targets"):
         found = calib.compensate(cell, estimate, targets, weights=weights, tip=tip)
-    result = CompensateResult.of(cell, found, envelope(cell.name, inputs, about=cell.about))
-    tables = {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)}
     tips = is_cartesian(cell.robot, table.columns)
-    said = solution_said(cell.robot, targets.names, targets.q) if tips else ()
-    deliver(result, json_path, files=tables, warnings=said)
+    call.deliver(
+        CompensateResult.of(found, cell, call.envelope(cell, inputs)),
+        {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)},
+        warnings=solution_said(cell.robot, targets.names, targets.q) if tips else (),
+    )

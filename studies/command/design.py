@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import cell_argument, faults_in, plan_names, result_options, value
+from studies.command import options
+from studies.command.call import Call, working
 
 
 def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
@@ -21,36 +21,37 @@ def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
 
 # fmt: off
 @click.command()
-@cell_argument
-@value("-o --output plan_path", "PLAN", "Write the plan as CSV, in the order of measurement.")
-@value("--poses", "N", "Number of poses to choose.", click.IntRange(min=1))
-@value("--criterion", "NAME",
-       "What the plan minimises. task: error at the targets. task-worst: error at the worst target. A: "
-       "mean variance. D: volume of the confidence ellipsoid. Ds: the same for some parameters. c: one "
-       "combination. E: the worst combination. G: the worst predicted pose. Or a criterion of an "
-       "installed package.", str, default="task", show_default=True, shell_complete=_criteria)
-@value("--levels", "A2=5x3", "Five levels of A2 with three poses each. Their angles are chosen, or "
-       "given: A2=-140,-57,-10x3.", str)
-@value("--candidates", "N|FILE", "Number of candidates to draw, or a table of candidates in the format "
-       "of a plan. The angles of drawn ones are moved a little after the choice.", str,
-       default="20000", show_default=True)
-@value("--extend extend_path", "PLAN|TABLE", "A plan that is measured already, or a table of measured "
-       "points. N new poses are added to it.")
-@value("--discriminate", "EFFECT:WHERE,EFFECT:WHERE",
-       "Choose poses that separate two effects, instead of a criterion.", str)
-@value("--of", "NAME[,NAME]",
-       "Parameters that matter. Ds, A, E: joint_compliance:A6,.. c: also NAME=FACTOR,..", str)
-@value("--against", "PLAN", "Also judge this plan. Can be given several times.", multiple=True)
+@options.cell
+@options.value("-o --output plan_path", "PLAN", "Write the plan as CSV, in the order of measurement.")
+@options.value("--poses", "N", "Number of poses to choose.", click.IntRange(min=1))
+@options.value("--criterion", "NAME",
+    "What the plan minimises. task: error at the targets. task-worst: error at the worst target. A: "
+    "mean variance. D: volume of the confidence ellipsoid. Ds: the same for some parameters. c: one "
+    "combination. E: the worst combination. G: the worst predicted pose. Or a criterion of an "
+    "installed package.", str,
+    default="task", show_default=True, shell_complete=_criteria)
+@options.value("--levels", "A2=5x3", "Five levels of A2 with three poses each. Their angles are "
+    "chosen, or given: A2=-140,-57,-10x3.", str)
+@options.value("--candidates", "N|FILE", "Number of candidates to draw, or a table of candidates in "
+    "the format of a plan. The angles of drawn ones are moved a little after the choice.", str,
+    default="20000", show_default=True)
+@options.value("--extend extend_path", "PLAN|TABLE", "A plan that is measured already, or a table of "
+    "measured points. N new poses are added to it.")
+@options.value("--discriminate", "EFFECT:WHERE,EFFECT:WHERE",
+    "Choose poses that separate two effects, instead of a criterion.", str)
+@options.value("--of", "NAME[,NAME]",
+    "Parameters that matter. Ds, A, E: joint_compliance:A6,.. c: also NAME=FACTOR,..", str)
+@options.value("--against", "PLAN", "Also judge this plan. Can be given several times.", multiple=True)
 @click.option("--curve", is_flag=True, help="Also state the accuracy for other numbers of poses.")
-@value("--reapproach", "N",
-       "Add N repeat visits over the day, to measure the arm's repeatability. Default: a tenth of 20 "
-       "poses or more, unless the cell states the repeatability. 0: none.", click.IntRange(min=0))
+@options.value("--reapproach", "N", "Add N repeat visits over the day, to measure the arm's "
+    "repeatability. Default: a tenth of 20 poses or more, unless the cell states the repeatability. 0: "
+    "none.", click.IntRange(min=0))
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
-@result_options()
+@options.result()
 def design(
-    cell_path: Path, plan_path: Path | None, candidates: str, extend_path: Path | None,
+    call: Call, cell_path: Path, plan_path: Path | None, candidates: str, extend_path: Path | None,
     discriminate: str | None, of: str | None, against: tuple[Path, ...], reapproach: int | None,
-    repeats: bool | None, folder: Path | None, json_path: str | None, seed: int, **asked: Any,
+    repeats: bool | None, **asked: Any,
 ) -> None:
     """Choose the poses to measure, and prove how good this plan is.
 
@@ -67,7 +68,6 @@ def design(
     import doe
     from calib.errors import InputError
     from calib.files.write_tables import plan_csv
-    from studies.results.base import envelope
     from studies.results.design import DesignResult, shown_levels
 
     given = click.get_current_context().get_parameter_source("criterion")
@@ -80,22 +80,22 @@ def design(
     source = candidates_of(candidates)
     further = (*against, extend_path, source if isinstance(source, Path) else None)
     inputs = [cell_path, *cell.robot_files, *cell.named_files, *filter(None, further)]
-    check_outputs([plan_path, output_file(json_path)], inputs, folder)
+    call.check(inputs, plan_path)
     loaded = [calib.load_plan(cell, path) for path in against]
-    with faults_in(cell_path), working("choosing poses"):
+    with options.faults_in(cell_path), working("choosing poses"):
         found = doe.design(
             cell,
             candidates=source,
             extend=extend_path,
             discriminate=two_effects(discriminate),
             of=[] if of is None else [name.strip() for name in of.split(",")],
-            against=dict(zip(plan_names(against), loaded, strict=True)),
-            seed=seed,
+            against=dict(zip(options.plan_names(against), loaded, strict=True)),
+            seed=call.seed,
             **asked,  # poses, criterion, levels, curve
         )
-    result = DesignResult.of(found, envelope(cell.name, inputs, seed))
+    result = DesignResult.of(found, cell, call.envelope(cell.name, inputs))
     table = plan_csv(cell, found.poses, np.array(shown_levels(found)))
-    deliver(result, json_path, folder, {} if plan_path is None else {plan_path: table})
+    call.deliver(result, {} if plan_path is None else {plan_path: table})
 
 
 # fmt: on

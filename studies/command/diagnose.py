@@ -8,40 +8,29 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import (
-    cell_argument,
-    data_argument,
-    faults_in,
-    holdout_option,
-    result_options,
-    value,
-)
-from studies.command.session import held_out
+from studies.command import options
+from studies.command.call import Call, working
+from studies.command.session import read_session
 
 if TYPE_CHECKING:
+    from calib import Cell
     from calib.diagnosis import Diagnosis
     from calib.files.cell_out import Extended
 
 _SECONDS = 50e-3  # a reading, as studies.research.benchmarks.speeds measures
 
 
+# fmt: off
 @click.command()
-@cell_argument
-@data_argument
-@holdout_option
+@options.cell
+@options.data
+@options.holdout
 @click.option("--plan-only", is_flag=True, help="DATA is a plan. Say what its poses can detect.")
-@value("--cell-out", "FILE", "Write the cell with the causes in its model, for the next run.")
-@result_options()
+@options.value("--cell-out", "FILE", "Write the cell with the causes in its model, for the next run.")
+@options.result()
 def diagnose(
-    cell_path: Path,
-    data_path: Path,
-    holdout: str | None,
-    plan_only: bool,
+    call: Call, cell_path: Path, data_path: Path, holdout: str | None, plan_only: bool,
     cell_out: Path | None,
-    folder: Path | None,
-    json_path: str | None,
-    seed: int,
 ) -> None:
     """Find the causes of the error that the cell's model and the noise do not explain.
 
@@ -57,32 +46,28 @@ def diagnose(
     from calib.errors import InputError
     from calib.files.cell_out import extended_cell
     from calib.threads import one_blas_thread
-    from studies.command.plan import foresee_plan
-    from studies.results.base import envelope
     from studies.results.diagnose import DiagnoseResult
 
     cell = calib.load_cell(cell_path)
     if plan_only:
-        options = {"--holdout": holdout, "--cell-out": cell_out, "--figures": folder}
-        for name, value in options.items():
+        given = {"--holdout": holdout, "--cell-out": cell_out, "--figures": call.folder}
+        for name, value in given.items():
             if value is not None:
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
-        foresee_plan(cell, data_path, json_path, seed)
+        foresee_plan(call, cell, data_path)
         return
     with working(f"reading {data_path.name}"):
-        held = held_out(cell, calib.load_measurements(cell, data_path), holdout, seed, data_path)
-    inputs = [cell.path, *cell.robot_files, data_path, *held.files]
-    check_outputs([output_file(json_path), cell_out], [*inputs, *cell.named_files], folder)
-    with working(f"diagnosing {len(held.data)} readings", _SECONDS * len(held.data)):
-        with faults_in(data_path, effects_of=cell.path):
-            found = calib.diagnose(cell, held.data, heldout=held.heldout)
+        day = read_session(cell, data_path, holdout, call.seed)
+    inputs = [cell.path, *cell.robot_files, data_path, *day.files]
+    call.check([*inputs, *cell.named_files], cell_out)
+    with working(f"diagnosing {len(day.data)} readings", _SECONDS * len(day.data)):
+        with options.faults_in(data_path, effects_of=cell.path):
+            found = calib.diagnose(cell, day.data, heldout=day.heldout)
         result = one_blas_thread(DiagnoseResult.of)(
-            found,
-            envelope(cell.name, inputs, seed, cell.about),
-            figures=json_path is not None or folder is not None,
-            after_s=cell.design.targets_after or 0.0,
+            found, cell, call.envelope(cell, inputs),
+            figures=call.json_path is not None or call.folder is not None,
             holdout=holdout,
-            warnings=(*held.warnings, *found.warnings),
+            warnings=day.warnings,
         )
     texts: dict[Path, str | bytes] = {}
     notes: list[str] = []
@@ -90,7 +75,24 @@ def diagnose(
         effects = [cause.named.candidate.effect for cause in found.causes]
         made = extended_cell(cell, effects, found.data.poses, cell_out)
         texts[cell_out], notes = made.text, [f"{cell_out}: {note}" for note in _notes(made, found)]
-    deliver(result, json_path, folder, texts, notes=notes)
+    call.deliver(result, texts, notes=notes)
+
+
+# fmt: on
+def foresee_plan(call: Call, cell: Cell, plan_path: Path) -> None:
+    """State what a plan, or the readings of a table without their points, could show."""
+    import calib
+    from calib.files.tables import holds_points
+    from doe.forecast.foresee import foresee
+    from studies.results.plan import PlanResult
+
+    inputs = [cell.path, *cell.robot_files, plan_path]
+    call.check(inputs)
+    load = calib.load_measurements if holds_points(plan_path) else calib.load_plan
+    plan = load(cell, plan_path)
+    with options.faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
+        found = foresee(cell, plan)
+    call.deliver(PlanResult.of(found, cell, call.envelope(cell.name, inputs)))
 
 
 def _notes(made: Extended, found: Diagnosis) -> Iterator[str]:

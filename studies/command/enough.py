@@ -6,29 +6,24 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import (
-    Finite,
-    cell_argument,
-    data_argument,
-    faults_in,
-    result_options,
-    value,
-)
-from studies.command.session import held_out
+from studies.command import options
+from studies.command.call import Call, working
+from studies.command.session import read_session
 
 
 # fmt: off
 @click.command()
-@cell_argument
-@data_argument
-@value("--plan plan_path", "PLAN", "The plan that is being measured. Poses of DATA are recognised.")
-@value("--goal-mm", "X", "Goal: expected RMS error at the targets.", Finite(min=0, min_open=True))
-@value("--holdout holdout_path", "FILE", "Measured poses that take no part in the fit, for a check.")
-@result_options(figures=False)
+@options.cell
+@options.data
+@options.value("--plan plan_path", "PLAN",
+               "The plan that is being measured. Poses of DATA are recognised.")
+@options.value("--goal-mm", "X", "Goal: expected RMS error at the targets.", options.ABOVE_ZERO)
+@options.value("--holdout holdout_path", "FILE",
+               "Measured poses that take no part in the fit, for a check.")
+@options.result(figures=False)
 def enough(
-    cell_path: Path, data_path: Path, plan_path: Path | None, goal_mm: float | None,
-    holdout_path: Path | None, json_path: str | None, seed: int,
+    call: Call, cell_path: Path, data_path: Path, plan_path: Path | None, goal_mm: float | None,
+    holdout_path: Path | None,
 ) -> None:
     """Say whether the measured poses are enough, and in which order to measure the rest.
 
@@ -45,20 +40,21 @@ def enough(
     """
     import calib
     import doe
-    from studies.results.base import envelope
     from studies.results.enough import EnoughResult
 
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, data_path, *cell.named_files]
     inputs += [path for path in (plan_path, holdout_path) if path is not None]
-    check_outputs([output_file(json_path)], inputs)
-    whole = calib.load_measurements(cell, data_path)
-    holdout = None if holdout_path is None else str(holdout_path.resolve())  # never a share
-    data, heldout, _, warnings = held_out(cell, whole, holdout, seed, data_path)
+    call.check(inputs)
+    day = read_session(cell, data_path, holdout_path, call.seed)
     plan = None if plan_path is None else calib.load_plan(cell, plan_path)
     goal = None if goal_mm is None else goal_mm * 1e-3
-    with faults_in(cell_path, readings_of=data_path), working("judging what was measured"):
-        answer = doe.enough(cell, data, plan, heldout=heldout, goal=goal, seed=seed)
-    planned, made_from = 0 if plan is None else len(plan), envelope(cell.name, inputs, seed)
-    result = EnoughResult.of(answer, planned, cell.targets_in_words, made_from)
-    deliver(result, json_path, warnings=warnings)
+    with (
+        options.faults_in(cell_path, readings_of=data_path),
+        working("judging what was measured"),
+    ):
+        answer = doe.enough(cell, day.data, plan, heldout=day.heldout, goal=goal, seed=call.seed)
+    call.deliver(EnoughResult.of(
+        answer, cell, call.envelope(cell.name, inputs),
+        planned=0 if plan is None else len(plan), warnings=day.warnings,
+    ))

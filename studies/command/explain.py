@@ -10,7 +10,7 @@ from importlib.resources import files
 
 import click
 
-from studies.command.options import one_line_faults
+from studies.command import options
 from studies.kinds import KINDS
 
 PAGES = (
@@ -22,7 +22,7 @@ PAGES = (
 
 @click.command()
 @click.argument("name", required=False)
-@one_line_faults
+@options.one_line_faults
 def explain(name: str | None) -> None:
     """Print a page of the documentation, an effect or a criterion. Without NAME: list the pages.
 
@@ -38,7 +38,7 @@ def explain(name: str | None) -> None:
 
 @click.command()
 @click.argument("kind", metavar="KIND", type=click.Choice(KINDS))
-@one_line_faults
+@options.one_line_faults
 def schema(kind: str) -> None:
     """Print the JSON Schema (draft 2020-12) of a result.
 

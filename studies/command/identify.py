@@ -7,18 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import (
-    Finite,
-    cell_argument,
-    choice,
-    data_argument,
-    faults_in,
-    holdout_option,
-    result_options,
-    value,
-)
-from studies.command.session import held_out
+from studies.command import options
+from studies.command.call import Call, working
+from studies.command.session import read_session
 
 if TYPE_CHECKING:
     from calib.identification.fit import Method
@@ -28,34 +19,28 @@ _MOST = 200_000  # readings of a table that are identified: they take 15 kB each
 _SECONDS = 0.8e-3  # a reading, as studies.research.benchmarks.speeds measures
 
 
+# fmt: off
 @click.command()
-@cell_argument
-@data_argument
-@holdout_option
-@choice("--approach", ("points", "pose"), "Use marker points, or full poses computed from them.")
-@choice("--method", ("joint", "two-step"), "All parameters together, or base and tool in turn.")
-@choice("--weighting", ("full", "normalised", "plain"), "Of full poses: by their covariance, by one "
-        "standard deviation for each component, or by one length for the rotations.")  # fmt: skip
-@value("--length-mm", "MM", "Length that converts rotations to mm in the plain weighting.",
-       Finite(min=1e-3, max=1e6), default=1000.0, show_default=True)  # fmt: skip
-@value("--urdf urdf_path", "OUT", "Write the robot with the identified geometry and the markers.")
-@value("--zero-offsets zeros_path", "OUT", "Write joint offsets alone, for a plain controller.")
-@value("--counts-per-deg", "J1=N,..", "Encoder counts per degree, for FANUC's $MASTER_COUN.", str)
-@result_options()
+@options.cell
+@options.data
+@options.holdout
+@options.choice("--approach", ("points", "pose"),
+                "Use marker points, or full poses computed from them.")
+@options.choice("--method", ("joint", "two-step"),
+                "All parameters together, or base and tool in turn.")
+@options.choice("--weighting", ("full", "normalised", "plain"), "Of full poses: by their covariance, "
+                "by one standard deviation for each component, or by one length for the rotations.")
+@options.value("--length-mm", "MM", "Length that converts rotations to mm in the plain weighting.",
+               options.Finite(min=1e-3, max=1e6), default=1000.0, show_default=True)
+@options.value("--urdf urdf_path", "OUT",
+               "Write the robot with the identified geometry and the markers.")
+@options.value("--zero-offsets zeros_path", "OUT",
+               "Write joint offsets alone, for a plain controller.")
+@options.result()
 def identify(
-    cell_path: Path,
-    data_path: Path,
-    holdout: str | None,
-    approach: Approach,
-    method: Method,
-    weighting: Weighting,
-    length_mm: float,
-    urdf_path: Path | None,
+    call: Call, cell_path: Path, data_path: Path, holdout: str | None, approach: Approach,
+    method: Method, weighting: Weighting, length_mm: float, urdf_path: Path | None,
     zeros_path: Path | None,
-    counts_per_deg: str | None,
-    folder: Path | None,
-    json_path: str | None,
-    seed: int,
 ) -> None:
     """Identify the effects in the cell's [model] from measured points.
 
@@ -68,36 +53,31 @@ def identify(
     """
     import calib
     from calib.poses.moves import thinned
-    from studies.command.robots import counts_of, robot_files
-    from studies.results.base import envelope
+    from studies.command.robots import robot_files
     from studies.results.identify import IdentifyResult
 
     cell = calib.load_cell(cell_path)
     with working(f"reading {data_path.name}"):
-        whole = calib.load_measurements(cell, data_path)
-        held = held_out(cell, whole, holdout, seed, data_path)
-    counts = counts_of(counts_per_deg)
-    inputs = [cell.path, *cell.robot_files, data_path, *cell.named_files, *held.files]
-    check_outputs([urdf_path, zeros_path, output_file(json_path)], inputs, folder)
-    data, shortened = thinned(held.data, _MOST)
+        day = read_session(cell, data_path, holdout, call.seed)
+    inputs = [cell.path, *cell.robot_files, data_path, *cell.named_files, *day.files]
+    call.check(inputs, urdf_path, zeros_path)
+    data, shortened = thinned(day.data, _MOST)
     with (
         working(f"identifying {len(data)} readings", _SECONDS * len(data)),
-        faults_in(data_path, effects_of=cell.path),
+        options.faults_in(data_path, effects_of=cell.path),
     ):
         found = calib.identify(
-            cell, data, heldout=held.heldout, approach=approach, method=method,
+            cell, data, heldout=day.heldout, approach=approach, method=method,
             weighting=weighting, length=length_mm * 1e-3
-        )  # fmt: skip
+        )
     of_pose = approach == "pose"
     result = IdentifyResult.of(
-        found,
-        cell,
-        whole,
-        envelope(cell.name, inputs, seed, cell.about),
+        found, cell, call.envelope(cell, inputs),
+        whole=day.whole,
         holdout=holdout,
         weighting=weighting if of_pose else None,
         length_mm=length_mm if of_pose and weighting == "plain" else None,
-        warnings=(*held.warnings, *shortened, *found.warnings),
+        warnings=(*day.warnings, *shortened),
     )
-    files, notes = robot_files(cell, found, urdf_path, zeros_path, counts)
-    deliver(result, json_path, folder, files, notes=notes)
+    files, notes = robot_files(cell, found, urdf_path, zeros_path)
+    call.deliver(result, files, notes=notes)

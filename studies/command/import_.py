@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, result_options, value
+from studies.command import options
+from studies.command.call import Call
 
 if TYPE_CHECKING:
     from calib.files.csv_table import CsvTable
@@ -19,11 +19,13 @@ _SHOWN = 5  # names in one line
 
 
 @click.command("import")
-@click.argument("points", metavar="POINTS", type=PATH)
-@value("--joints joints_path", "FILE", "Joints of each pose: pose,A1_deg,..", required=True)
-@value("-o --output table_path", "TABLE", "Write the joined table to this file.", required=True)
-@result_options(figures=False, seed=False)
-def import_(points: Path, joints_path: Path, table_path: Path, json_path: str | None) -> None:
+@click.argument("points", metavar="POINTS", type=options.PATH)
+@options.value("--joints joints_path", "FILE", "Joints of each pose: pose,A1_deg,..", required=True)
+@options.value(
+    "-o --output table_path", "TABLE", "Write the joined table to this file.", required=True
+)
+@options.result(figures=False, seed=False)
+def import_(call: Call, points: Path, joints_path: Path, table_path: Path) -> None:
     """Join a table of measured points with a table of the joints of their poses.
 
     POINTS is a CSV with the columns pose, marker and x_mm, y_mm, z_mm (or what else an instrument
@@ -36,21 +38,20 @@ def import_(points: Path, joints_path: Path, table_path: Path, json_path: str | 
       posecal import points.csv --joints joints.csv -o measurements.csv
     """
     from calib.files.csv_table import csv_text
-    from studies.results.base import envelope
-    from studies.results.import_ import ImportResult
+    from studies.results.written import ImportResult
 
     inputs = [points, joints_path]
-    check_outputs([table_path, output_file(json_path)], inputs)
+    call.check(inputs, table_path)
     columns, rows, joint_columns = joined(points, joints_path)
     result = ImportResult(
-        **envelope("", inputs),
+        **call.envelope("", inputs),
         poses=len({row[0] for row in rows}),
         points=len(rows),
         markers=dict(Counter(row[1] for row in rows)),
         columns=tuple(columns),
         joint_columns=tuple(joint_columns),
     )
-    deliver(result, json_path, files={table_path: csv_text(columns, rows)})
+    call.deliver(result, {table_path: csv_text(columns, rows)})
 
 
 def joined(points_path: Path, joints_path: Path) -> tuple[list[str], list[list[str]], list[str]]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, result_options, value
+from studies.command import options
+from studies.command.call import Call
 
 if TYPE_CHECKING:
     from calib.arm.robot import Convention
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 # fmt: off
 @click.command()
-@click.argument("robot_path", metavar="ROBOT", type=PATH)
-@value("-o --output folder", "FOLDER", "Folder for cell.toml and measurements.csv. Default: this one.",
-       default=Path())
-@value("--dh convention", "[classic|modified]", "ROBOT is a DH table in this convention.",
-       click.Choice(["classic", "modified"]))
-@value("--base", "NAME", "First link or body, if another.", str, default="")
-@value("--tip tips", "NAME", "Last link, body or site, if another. Of several arms: one each.", str,
-       multiple=True)
-@result_options(figures=False, seed=False)
+@click.argument("robot_path", metavar="ROBOT", type=options.PATH)
+@options.value("-o --output folder", "FOLDER",
+    "Folder for cell.toml and measurements.csv. Default: this one.", default=Path())
+@options.value("--dh convention", "[classic|modified]", "ROBOT is a DH table in this convention.",
+    click.Choice(["classic", "modified"]))
+@options.value("--base", "NAME", "First link or body, if another.", str, default="")
+@options.value("--tip tips", "NAME", "Last link, body or site, if another. Of several arms: one each.",
+    str, multiple=True)
+@options.result(figures=False, seed=False)
 def init(
-    robot_path: Path, folder: Path, convention: Convention | None, base: str, tips: tuple[str, ...],
-    json_path: str | None,
+    call: Call, robot_path: Path, folder: Path, convention: Convention | None, base: str,
+    tips: tuple[str, ...],
 ) -> None:
     """Write a commented cell.toml and an empty measurements.csv for a robot.
 
@@ -53,8 +53,7 @@ def init(
     from calib.files.write import make_folder
     from calib.files.write_tables import measurement_columns
     from calib.instruments import Tracker
-    from studies.results.base import envelope
-    from studies.results.init import InitResult
+    from studies.results.written import InitResult
 
     tip, others = (tips or ("",))[0], tips[1:]
     found = propose(robot_path, convention, base, tip, others)
@@ -63,14 +62,14 @@ def init(
         if path.exists():
             raise InputError(path, "", "already exists", "name another folder by -o, or move it")
     make_folder(folder)
-    check_outputs([cell_path, table_path, output_file(json_path)], found.files)
+    call.check(found.files, cell_path, table_path)
     beside = Path(os.path.relpath(robot_path.resolve(), folder.resolve())).as_posix()
     name = found.robot.name or robot_path.stem
     header = csv_text(measurement_columns(found.robot, (Tracker(),)), [])
     texts = {cell_path: cell_text(found, beside, name), table_path: header}
-    result = InitResult.of(found, name, table_path, envelope(str(cell_path), found.files))
+    result = InitResult.of(found, name, table_path, call.envelope(str(cell_path), found.files))
     following = f"then  posecal design {cell_path} -o {folder / 'plan.csv'}"
-    deliver(result, json_path, files=texts, notes=[following])
+    call.deliver(result, texts, notes=[following])
 
 
 # fmt: on

@@ -11,6 +11,8 @@ from typing import Any, TypeVar, cast
 
 import click
 
+from studies.command.call import Call
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 PATH = click.Path(path_type=Path)
@@ -27,10 +29,10 @@ def choice(name: str, words: tuple[str, ...], text: str) -> Callable[[F], F]:
     return click.option(name, type=kind, default=words[0], show_default=True, help=text)
 
 
-cell_argument = click.argument("cell_path", metavar="CELL", type=PATH)
-data_argument = click.argument("data_path", metavar="DATA", type=PATH)
-_HOLDOUT = "Held-out poses: a table, or a share of the configurations."
-holdout_option = click.option("--holdout", metavar="FILE|FRACTION", help=_HOLDOUT)
+cell = click.argument("cell_path", metavar="CELL", type=PATH)
+data = click.argument("data_path", metavar="DATA", type=PATH)
+holdout = value("--holdout", "FILE|FRACTION",
+                "Held-out poses: a table, or a share of the configurations.", str)  # fmt: skip
 
 
 def one_line_faults(function: F) -> F:
@@ -49,22 +51,27 @@ def one_line_faults(function: F) -> F:
     return cast("F", run)
 
 
-def result_options(*, figures: bool = True, seed: bool = True) -> Callable[[F], F]:
-    """What every command with a result takes, and how it ends: --figures, --json and --seed.
+def result(*, figures: bool = True, seed: bool = True) -> Callable[[F], F]:
+    """What every command with a result takes, as its first argument, a Call; and how it ends.
 
     figures, seed : whether it draws, and whether it draws random numbers
     """
 
     def taken(function: F) -> F:
-        made = one_line_faults(function)
+        @functools.wraps(function)
+        def run(
+            json_path: str | None, figures_path: Path | None = None, seed: int = 0, **own: Any
+        ) -> None:
+            function(Call(json_path, figures_path, seed), **own)
+
+        made: Any = one_line_faults(run)
         if seed:
             kind, text = click.IntRange(min=0), "Seed of all random numbers."
             made = value("--seed", "N", text, kind, default=0, show_default=True)(made)
         text = "Write the result as JSON. Use - for standard output."
         made = value("--json json_path", "FILE", text, click.Path(allow_dash=True))(made)
-        return (
-            value("--figures folder", "FOLDER", "Write figures as SVG.")(made) if figures else made
-        )
+        text = "Write figures as SVG."
+        return cast("F", value("--figures figures_path", "FOLDER", text)(made) if figures else made)
 
     return taken
 
@@ -77,6 +84,9 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{number} is not a finite number.", param, ctx)
         return number
+
+
+ABOVE_ZERO = Finite(min=0, min_open=True)
 
 
 @contextmanager

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file
-from studies.command.options import PATH, cell_argument, result_options, value
+from studies.command import options
+from studies.command.call import Call
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -22,17 +22,17 @@ _LINKAGE = "An arm with a linkage counts axis 3 from the horizontal, a chain fro
 
 
 @click.command()
-@cell_argument
-@click.argument("plan_path", metavar="PLAN", type=PATH)
-@value(
+@options.cell
+@click.argument("plan_path", metavar="PLAN", type=options.PATH)
+@options.value(
     "-o --output path",
     "FILE",
     "FILE.src for KUKA (KRL), FILE.script for Universal Robots (URScript), FILE.mod for ABB (RAPID), "
     "FILE.ls for FANUC.",
     required=True,
 )
-@result_options(figures=False, seed=False)
-def program(cell_path: Path, plan_path: Path, path: Path, json_path: str | None) -> None:
+@options.result(figures=False, seed=False)
+def program(call: Call, cell_path: Path, plan_path: Path, path: Path) -> None:
     """Write a plan as a robot program that stops at every pose to be measured.
 
     The program is a skeleton that drives from pose to pose. Read the notes at its head. The way between
@@ -44,16 +44,15 @@ def program(cell_path: Path, plan_path: Path, path: Path, json_path: str | None)
     """
     import calib
     from calib.errors import InputError
-    from studies.results.base import envelope
-    from studies.results.program import ProgramResult
+    from studies.results.written import ProgramResult
 
     if path.suffix.lower() not in MOST_AXES:
         what = f"ends in {path.suffix or 'nothing'}"
         raise InputError(path, "", what, f"let it end in {' or '.join(MOST_AXES)}")
     cell = calib.load_cell(cell_path)
     inputs = [cell_path, *cell.robot_files, plan_path]
-    check_outputs([path, output_file(json_path)], inputs)
-    made_from = envelope(cell.name, inputs, about=cell.about)
+    call.check(inputs, path)
+    made_from = call.envelope(cell, inputs)
     plan = calib.load_plan(cell, plan_path)
     head = [
         f"Written by posecal {made_from['version']} from {plan_path.name}",
@@ -65,7 +64,7 @@ def program(cell_path: Path, plan_path: Path, path: Path, json_path: str | None)
     text = program_text(path.suffix.lower(), path.stem, cell, plan, str(plan_path), head)
     names, stops = tuple(map(plain_text, plan.names)), (1 + (cell.load is not None)) * len(plan)
     result = ProgramResult(**made_from, program=str(path), poses=names, stops=stops)
-    deliver(result, json_path, files={path: text})
+    call.deliver(result, {path: text})
 
 
 def plain_text(text: str) -> str:

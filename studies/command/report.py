@@ -6,25 +6,21 @@ from pathlib import Path
 
 import click
 
-from studies.command.deliver import check_outputs, deliver, output_file, working
-from studies.command.options import PATH, result_options, value
+from studies.command import options
+from studies.command.call import Call, working
 
 
 @click.command()
-@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=PATH)
-@value("-o --output page_path", "FILE", "Write the page to this file.",
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=options.PATH)
+@options.value("-o --output page_path", "FILE", "Write the page to this file.",
        default=Path("report.html"), show_default=True)  # fmt: skip
 @click.option("--title", metavar="TEXT", help="Title. Default: the name of the cell.")
 @click.option("--instrument", metavar="TEXT", help="Model, serial number, certificate.")
 @click.option("--operator", metavar="TEXT", help="Who measured.")
 @click.option("--date", "measured", metavar="TEXT", help="When it was measured.")
-@result_options(figures=False, seed=False)
+@options.result(figures=False, seed=False)
 def report(
-    results: tuple[Path, ...],
-    page_path: Path,
-    title: str | None,
-    json_path: str | None,
-    **about: str | None,
+    call: Call, results: tuple[Path, ...], page_path: Path, title: str | None, **about: str | None
 ) -> None:
     """Write one self-contained HTML page from results.
 
@@ -36,13 +32,12 @@ def report(
     Example:
       posecal report identified.json -o report.html --operator "A. Klimchik"
     """
-    from studies.page import report_page
-    from studies.results.base import envelope
-    from studies.results.report import ReportResult
+    from studies.report import Reported, page_of
+    from studies.results.written import ReportResult
 
-    check_outputs([page_path, output_file(json_path)], results)
+    call.check(results, page_path)
     with working("writing the page"):
         facts = {label: text for label, text in about.items() if text}
-        text, notes = report_page(results, title, facts)
-    result = ReportResult(**envelope("", results), page=str(page_path), notes=notes)
-    deliver(result, json_path, files={page_path: text})
+        page = page_of([Reported.read(path) for path in results], title, facts)
+    result = ReportResult(**call.envelope("", results), page=str(page_path), notes=page.notes)
+    call.deliver(result, {page_path: page.html})

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib import Cell, Identification
-from calib.effects.tool import Tool
-from calib.errors import InputError
+from calib.effects.tool_base import Tool
 from calib.files.robot_out import corrected_robot, not_rigid, zero_offsets, zero_offsets_csv
 from studies.render import listed
 
@@ -16,12 +15,11 @@ def robot_files(
     result: Identification,
     urdf: Path | None,
     zeros: Path | None,
-    counts: dict[str, float],
 ) -> tuple[dict[Path, str | bytes], list[str]]:
     """Texts of the files that are asked for, and lines on what they do not hold. Raises InputError."""
     texts, lines = _urdf_file(cell, result, urdf)
     if zeros is not None:
-        texts[zeros], lost = _offsets_file(cell, result, zeros, counts)
+        texts[zeros], lost = _offsets_file(cell, result, zeros)
         lines += lost
     return texts, lines
 
@@ -72,9 +70,7 @@ def _headed(text: str, comment: str) -> str:
     return f"{first}\n<!-- {safe} -->\n{rest}" if comment else text
 
 
-def _offsets_file(
-    cell: Cell, result: Identification, path: Path, counts: dict[str, float]
-) -> tuple[str, list[str]]:
+def _offsets_file(cell: Cell, result: Identification, path: Path) -> tuple[str, list[str]]:
     """The table of zero offsets, and how much of the identified geometry it is. Raises InputError."""
     corrections = result.model.constant_displacements(result.values)
     frames = result.model.marker_frames
@@ -85,18 +81,4 @@ def _offsets_file(
     )
     first, last = cell.robot.joints[0], cell.robot.joints[-1]
     ends = f"where base and tool are in the model, offsets of {first} and {last} are part of them"
-    return zero_offsets_csv(cell.robot, offsets, counts), [lost, ends]
-
-
-def counts_of(text: str | None) -> dict[str, float]:
-    """The counts a degree of --counts-per-deg. Raises InputError."""
-    counts = {}
-    for part in (text or "").split(",") if text else ():
-        name, _, number = part.partition("=")
-        try:
-            counts[name.strip()] = float(number)
-        except ValueError:
-            raise InputError(
-                "--counts-per-deg", "", f"{part!r} is not understood", "write J1=5263.7,J2=-4881.0"
-            ) from None
-    return counts
+    return zero_offsets_csv(cell.robot, offsets, {}), [lost, ends]

@@ -9,41 +9,45 @@ if TYPE_CHECKING:
     from calib import Cell, Measurements
 
 
-class HeldOut(NamedTuple):
-    """What is fitted, what is not, from which further files, and what to say of it."""
+class Session(NamedTuple):
+    """All readings of a table, what is fitted, what is not, further files, and what to say of it."""
 
+    whole: Measurements
     data: Measurements
     heldout: Measurements | None
     files: list[Path]
     warnings: tuple[str, ...]
 
 
-def held_out(
-    cell: Cell, data: Measurements, holdout: str | None, seed: int, data_path: Path
-) -> HeldOut:
-    """Split the data, or read the poses held out. Raises InputError.
+def read_session(cell: Cell, data_path: Path, holdout: str | Path | None, seed: int) -> Session:
+    """Read a table, and split it, or read the poses held out. Raises InputError.
 
-    holdout : a file, a share of the configurations between 0 and 1, or None
+    holdout : a share of the configurations, between 0 and 1, as text; else a file
     """
-    import numpy as np
-
     import calib
     from calib.errors import InputError
+    from calib.heldout import parted
 
-    if holdout is None:
-        return HeldOut(data, None, [], data.warnings)
+    data = calib.load_measurements(cell, data_path)
+    share = _share(holdout)
+    if share is not None and not 0.0 < share < 1.0:
+        what = f"{holdout} is not between 0 and 1"
+        raise InputError("--holdout", "", what, "use 0.3, or a file")
+    if share is not None or holdout is None:
+        return Session(data, *parted(data, share, seed), [], data.warnings)
     path = Path(holdout)
+    if path.resolve() == data_path.resolve():
+        raise InputError(path, "", "holds the data themselves", "name other poses")
+    held = calib.load_measurements(cell, path, every_marker=False)
+    warnings = (*data.warnings, *held.warnings, *_shared_points(data, held))
+    return Session(data, *calib.in_one_session(data, held), [path], warnings)
+
+
+def _share(holdout: str | Path | None) -> float | None:
     try:
-        fraction = float(holdout)
+        return float(holdout) if isinstance(holdout, str) else None
     except ValueError:
-        if path.resolve() == data_path.resolve():
-            raise InputError(path, "", "holds the data themselves", "name other poses") from None
-        held = calib.load_measurements(cell, path, every_marker=False)
-        warnings = (*data.warnings, *held.warnings, *_shared_points(data, held))
-        return HeldOut(*calib.in_one_session(data, held), [path], warnings)
-    if not 0.0 < fraction < 1.0:
-        raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
-    return HeldOut(*data.split(fraction, np.random.default_rng(seed)), [], data.warnings)
+        return None
 
 
 def _shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:

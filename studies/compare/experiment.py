@@ -16,9 +16,8 @@ from calib.api import in_turn
 from calib.arrays import Array
 from calib.cell import Cell, Repeatability
 from calib.cell.contacts import TOUCHES, touched
-from calib.effects.base import Base
 from calib.effects.protocol import ElasticEffect, LoadEffect
-from calib.effects.tool import Tool
+from calib.effects.tool_base import Base, Tool
 from calib.errors import CalibError
 from calib.identification.fit import choose_directions
 from calib.identification.identify import uncounted

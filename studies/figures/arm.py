@@ -7,19 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.figures.style import (
-    BLUE,
-    DIM,
-    GREEN,
-    INK,
-    PURPLE,
-    SOFT,
-    Look,
-    dots,
-    fixed,
-    panels,
-    styled,
-)
+from studies.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,15 +23,18 @@ _WIDTH = 5.6  # inches
 _FAINT = 20  # poses; of more, each is fainter
 _NEAR = 1.6  # arm lengths; an instrument farther away is not in the picture
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
-_MARKER, _TIP = Look("markers", BLUE, "."), Look("tip, first pose", INK, "o")
-_INSTRUMENT = Look("instrument", GREEN, "D")
+_MARKER, _TIP = (
+    style.Look("markers", style.BLUE, "."),
+    style.Look("tip, first pose", style.INK, "o"),
+)
+_INSTRUMENT = style.Look("instrument", style.GREEN, "D")
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _EDGES = [
     (i, j) for i in range(8) for j in range(i) if np.abs(_CORNERS[i] - _CORNERS[j]).sum() == 2
 ]
 
 
-@styled
+@style.styled
 def arm(cell: Cell, q: Array) -> Figure:
     """The nominal arm of a cell at joint values, shape (m, n), rad or m, in its base frame."""
     origins, markers = placed(cell, q)
@@ -57,16 +48,16 @@ def arm(cell: Cell, q: Array) -> Figure:
     low, high = points.min(axis=0) - 0.06 * length, points.max(axis=0) + 0.06 * length
     x, y, z = high - low
     height = _WIDTH * (z + y) / (x + y) + 0.5
-    figure, every = panels(
+    figure, every = style.panels(
         _WIDTH, min(max(height, 3.0), 9.0), 2, 2,
         gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]}
     )  # fmt: skip
-    fixed(figure, (0.5, 0.3, 0.05, 0.25), (0.5, 0.5))
+    style.fixed(figure, (0.5, 0.3, 0.05, 0.25), (0.5, 0.5))
     names = ("side: x, z [m]", "front: y, z [m]", "above: x, y [m]")
     for panel, view, name in zip(every, (_SIDE, _FRONT, _ABOVE), names, strict=False):
         draw_arm(panel, cell.robot, origins, markers, view)
         for line in solids:
-            panel.plot(*view @ line.T, color=PURPLE, linewidth=1.0)
+            panel.plot(*view @ line.T, color=style.PURPLE, linewidth=1.0)
         _mark(panel, view, near, _INSTRUMENT, 6.0)
         (left, bottom), (right, top) = view @ low, view @ high
         panel.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -102,23 +93,25 @@ def draw_arm(panel: Axes, robot: Robot, origins: Array, markers: Array, view: Ar
         every = np.concatenate([way, gap], axis=1).reshape(-1, 3)
         panel.plot(
             *view @ every.T,
-            color=DIM,
+            color=style.DIM,
             linewidth=0.8,
             alpha=opacity,
             label="" if k else f"all {count} poses",
         )
-        panel.plot(*view @ way[0].T, color=SOFT, linewidth=4.0, label="" if k else "first pose")
-        _mark(panel, view, way[0], Look("", INK, "o"), 2.5)
-        _mark(panel, view, way[0, -1:], Look("", INK, "o") if k else _TIP, 4.5)
+        panel.plot(
+            *view @ way[0].T, color=style.SOFT, linewidth=4.0, label="" if k else "first pose"
+        )
+        _mark(panel, view, way[0], style.Look("", style.INK, "o"), 2.5)
+        _mark(panel, view, way[0, -1:], style.Look("", style.INK, "o") if k else _TIP, 4.5)
     _mark(panel, view, markers.reshape(-1, 3), _MARKER, 2.5)
-    panel.axhline(0.0, color=SOFT, linewidth=0.6)
+    panel.axhline(0.0, color=style.SOFT, linewidth=0.6)
 
 
-def _mark(panel: Axes, view: Array, points: Array, look: Look, size: float) -> None:
+def _mark(panel: Axes, view: Array, points: Array, look: style.Look, size: float) -> None:
     """Points (k, 3); none leaves no name in the legend."""
     if len(points):
         x, y = view @ points.T
-        dots(panel, x, y, look, markersize=size)
+        style.dots(panel, x, y, look, markersize=size)
 
 
 def _outline(body: Body) -> Iterator[Array]:

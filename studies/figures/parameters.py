@@ -8,22 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from studies.figures.style import (
-    BLUE,
-    DIM,
-    FAINT,
-    GREEN,
-    PANEL,
-    PURPLE,
-    VERMILLION,
-    Look,
-    brief,
-    dots,
-    legend,
-    log_axis,
-    panels,
-    styled,
-)
+from studies.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,23 +16,23 @@ if TYPE_CHECKING:
     from calib.arrays import Array
     from studies.results.identify import IdentifyResult
 
-_Series: TypeAlias = Mapping[Look, Sequence[float | None]]
+_Series: TypeAlias = Mapping[style.Look, Sequence[float | None]]
 _ONE_COLUMN = 45  # more parameters stand in two columns
-_ACROSS = 3  # panels of pairs
+_ACROSS = 3  # style.panels of pairs
 _RADIUS = math.sqrt(-2.0 * math.log(0.05))  # of the 95 % ellipse of two normal variables
-_SIZE = Look("size of the value", BLUE, "o")
-_STD = Look("standard deviation", VERMILLION, "^")
-_PREDICTED = Look("predicted standard deviation", BLUE, "o")
+_SIZE = style.Look("size of the value", style.BLUE, "o")
+_STD = style.Look("standard deviation", style.VERMILLION, "^")
+_PREDICTED = style.Look("predicted standard deviation", style.BLUE, "o")
 _LOOKS = {
-    "pose plain": Look("#1 pose, plain", VERMILLION, "o", ":"),
-    "pose normalised": Look("#1 pose, normalised", PURPLE, "s", "-."),
-    "pose full": Look("#1 pose, full covariance", GREEN, "^", "--"),
-    "points": Look("#2 points", BLUE, "D", "-"),
+    "pose plain": style.Look("#1 pose, plain", style.VERMILLION, "o", ":"),
+    "pose normalised": style.Look("#1 pose, normalised", style.PURPLE, "s", "-."),
+    "pose full": style.Look("#1 pose, full covariance", style.GREEN, "^", "--"),
+    "points": style.Look("#2 points", style.BLUE, "D", "-"),
 }
-_OTHERS = ((BLUE, "D"), (VERMILLION, "o"), (GREEN, "^"), (PURPLE, "s"))
+_OTHERS = ((style.BLUE, "D"), (style.VERMILLION, "o"), (style.GREEN, "^"), (style.PURPLE, "s"))
 
 
-@styled
+@style.styled
 def deviations(result: IdentifyResult) -> Figure | None:
     """Size and standard deviation of the robot's parameters; None where there is none."""
     robot = [p for p in result.parameters if not p.placed]
@@ -55,7 +40,7 @@ def deviations(result: IdentifyResult) -> Figure | None:
     return _by_unit([p.id for p in robot], [p.unit for p in robot], series) if robot else None
 
 
-@styled
+@style.styled
 def predicted_deviations(result: Any) -> Figure | None:
     """Standard deviations that a design predicts."""
     predicted = result.predicted_std
@@ -68,7 +53,7 @@ def predicted_deviations(result: Any) -> Figure | None:
     )
 
 
-@styled
+@style.styled
 def deviations_by_approach(result: Any) -> Figure:
     """Standard deviations of a comparison: by approach of one plan, or by plan of several (#2)."""
     first = result.plans[0]
@@ -78,7 +63,7 @@ def deviations_by_approach(result: Any) -> Figure:
     else:
         shared = [plan for plan in result.plans if plan.ids == first.ids]
         every = {
-            Look(plan.plan, *_OTHERS[k % len(_OTHERS)]): plan.points
+            style.Look(plan.plan, *_OTHERS[k % len(_OTHERS)]): plan.points
             for k, plan in enumerate(shared)
         }
     return _by_unit(
@@ -96,9 +81,9 @@ def _by_unit(names: Sequence[str], units: Sequence[str], series: _Series) -> Fig
     tallest = max(
         sum(len(rows) + 3.0 for c, rows in blocks if c == column) for column in range(columns)
     )
-    figure, _ = panels(PANEL if columns == 1 else 9.6, 0.7 + 0.19 * tallest, 1, 1)
+    figure, _ = style.panels(style.PANEL if columns == 1 else 9.6, 0.7 + 0.19 * tallest, 1, 1)
     figure.clear()
-    labels = brief(names)
+    labels = style.brief(names)
     for column, part in enumerate(figure.subfigures(1, columns, squeeze=False).ravel()):
         groups = [rows for c, rows in blocks if c == column]
         grid = part.subplots(
@@ -112,16 +97,19 @@ def _by_unit(names: Sequence[str], units: Sequence[str], series: _Series) -> Fig
             for row, of_row in enumerate(every.T):
                 if np.isfinite(of_row).any():
                     panel.plot(
-                        [np.nanmin(of_row), np.nanmax(of_row)], [row, row], color=DIM, zorder=1
+                        [np.nanmin(of_row), np.nanmax(of_row)],
+                        [row, row],
+                        color=style.DIM,
+                        zorder=1,
                     )
             for look, v in values.items():
-                dots(panel, v[rows], np.arange(len(rows)), look)
-            log_axis(panel.xaxis, every)
+                style.dots(panel, v[rows], np.arange(len(rows)), look)
+            style.log_axis(panel.xaxis, every)
             panel.set_yticks(range(len(rows)), [labels[i] for i in rows], fontsize=9)
             panel.set(ylim=(len(rows) - 0.4, -0.6), xlabel=f"[{units[rows[0]]}]")
             panel.tick_params(axis="x", labelsize=9)
-            panel.grid(color=FAINT, linewidth=0.4)
-    legend(figure)
+            panel.grid(color=style.FAINT, linewidth=0.4)
+    style.legend(figure)
     return figure
 
 
@@ -143,7 +131,7 @@ def _positive(values: Sequence[float | None]) -> Array:
     return np.where(np.isfinite(known) & (known > 0.0), known, np.nan)
 
 
-@styled
+@style.styled
 def ellipses(result: Any) -> Figure | None:
     """95 % error ellipses of the pairs that a comparison found hardest to separate, #1 and #2."""
     plan = result.plans[0]
@@ -152,7 +140,7 @@ def ellipses(result: Any) -> Figure | None:
         return None
     across = min(_ACROSS, len(pairs))
     down = -(-len(pairs) // across)
-    figure, every = panels(max(4.2, 3.1 * across), 0.6 + 2.9 * down, down, across)
+    figure, every = style.panels(max(4.2, 3.1 * across), 0.6 + 2.9 * down, down, across)
     for panel, pair in zip(every, pairs, strict=False):
         for key, covariance in pair.covariance.items():
             look = _LOOKS[key]
@@ -162,12 +150,12 @@ def ellipses(result: Any) -> Figure | None:
                 linestyle=look.linestyle,
                 label=look.label,
             )
-        (x, y), (a, b) = brief(pair.ids), (units[name] for name in pair.ids)
+        (x, y), (a, b) = style.brief(pair.ids), (units[name] for name in pair.ids)
         panel.set(xlabel=f"error of {x} [{a}]", ylabel=f"error of {y} [{b}]")
         panel.locator_params(nbins=4)
     for panel in every[len(pairs) :]:
         panel.remove()
-    legend(figure)
+    style.legend(figure)
     return figure
 
 

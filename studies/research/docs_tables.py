@@ -124,13 +124,17 @@ _COVARIATES = {
 
 def needs(kind: Any) -> Iterator[str]:
     """What data an effect needs beside joints and readings."""
+    import numpy as np
+
     from calib.effects.protocol import ElasticEffect, LoadEffect
 
     if issubclass(kind, ElasticEffect):
         yield "load: a wrench, a payload, or link masses"
     if issubclass(kind, LoadEffect):
         yield "an elastic joint (joint_compliance)"
-    if kind.turns:
+    context = contexts()[0]
+    sliding = replace(context.robot, prismatic=np.ones(context.robot.dof, dtype=bool))
+    if len(kind.places(replace(context, robot=sliding))) < len(kind.places(context)):
         yield "a joint that turns"
     covariates = kind.uses if "motion" not in kind.uses else ("motion",)
     yield from (_COVARIATES[name] for name in covariates)
@@ -182,7 +186,7 @@ _WORDS = {
     "string": "text",
     "boolean": "true or false",
 }
-_SOURCES = ("calib.files.schema", "calib.cell.planned", "calib.instruments.")
+_SOURCES = ("calib.cell.", "calib.instruments.")
 Key = tuple[dict[str, None], dict[str, None]]
 """What may stand at a key, and what it means, each once."""
 
@@ -199,7 +203,7 @@ def rows_of_cell(part: str) -> list[tuple[str, str, str]]:
 @cache
 def cell_keys() -> dict[str, Key]:
     """Every key of the cell. ``NAME`` is the user's; ``[]`` an entry of a list of tables."""
-    from calib.files.schema import CellFile
+    from calib.cell.tables import CellFile
 
     schema = CellFile.model_json_schema()
     classes, below = {"CellFile": schema, **schema["$defs"]}, descriptions()

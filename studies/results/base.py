@@ -7,15 +7,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypedDict
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from calib.errors import CalibError
 from calib.files.read import sha256
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 MM, MICRO = 1e3, 1e6
+_UNITS = {"mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "urad": 1e-6, "s": 1.0}
 
 
 def _defined(value: object) -> object:
@@ -40,6 +45,25 @@ class Entry(BaseModel):
     """An object of the JSON; keys that it does not know are ignored on reading."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
+
+    @classmethod
+    def from_object(cls, source: object, **others: Any) -> Self:
+        """An entry of an object in SI: its attributes by the names of the fields, in their units.
+
+        ``left_mm`` is a thousand times ``source.left``, unless the object has ``left_mm``
+        others : fields of other names
+        """
+        values = dict(others)
+        for name, field in cls.model_fields.items():
+            plain, _, unit = name.rpartition("_")
+            if name in others:
+                continue
+            if unit in _UNITS and not hasattr(source, name) and hasattr(source, plain):
+                value = getattr(source, plain)
+                values[name] = None if value is None else value / _UNITS[unit]
+            elif hasattr(source, name) or field.is_required():
+                values[name] = getattr(source, name)
+        return cls(**values)
 
 
 class InputFile(Entry):
@@ -147,7 +171,33 @@ class Result(Entry):
         """What it begins with and what it leaves; None where it holds no such errors."""
         return None
 
-    def dumps(self) -> str:
+    @property
+    def main_table(self) -> Sequence[Entry]:
+        """The rows of its main table."""
+        return ()
+
+    def summary(self) -> str:
+        """What its command prints, as text."""
+        from studies.render import markdown, terminal
+
+        return terminal(markdown(self))
+
+    __repr__ = __str__ = summary
+
+    def _repr_html_(self) -> str:
+        from studies.render import html, markdown
+
+        return html(markdown(self))
+
+    def to_frame(self) -> DataFrame:
+        """Its main table as a pandas DataFrame. Raises CalibError where pandas is not installed."""
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise CalibError("to_frame needs pandas: pip install pandas") from None
+        return DataFrame([row.model_dump(by_alias=True) for row in self.main_table])
+
+    def to_json(self) -> str:
         """The JSON that :func:`studies.results.read.read` reads."""
         return json.dumps(self.model_dump(by_alias=True), indent=1, allow_nan=False) + "\n"
 
@@ -163,7 +213,7 @@ class Envelope(TypedDict):
 
 
 def envelope(
-    cell: str, inputs: Sequence[Path], seed: int = 0, about: Mapping[str, str] | None = None
+    cell: str, inputs: Iterable[Path], seed: int = 0, about: Mapping[str, str] | None = None
 ) -> Envelope:
     """The head of a result.
 

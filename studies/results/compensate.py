@@ -17,6 +17,7 @@ from studies.results.base import (
     Number,
     Result,
 )
+from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, joint_values
 
 if TYPE_CHECKING:
@@ -36,14 +37,6 @@ class CorrectedErrors(Entry):
     expected: NotNegative
 
 
-class RmsErrors(CorrectedErrors):
-    """The same over all targets, and the parts of the expected error beside ``left``."""
-
-    from_parameters: NotNegative
-    scatter: NotNegative
-    unexplained: NotNegative
-
-
 class CorrectedTarget(JointValues):
     """A target with its command: corrected, nominal, and the difference."""
 
@@ -54,9 +47,6 @@ class CorrectedTarget(JointValues):
     correction_joints_mm: dict[str, Number]
     before_mm: NotNegative
     left_mm: NotNegative
-    from_parameters_mm: NotNegative
-    scatter_mm: NotNegative
-    unexplained_mm: NotNegative | None
     expected_mm: NotNegative
     turn_before_mrad: NotNegative
     turn_left_mrad: NotNegative
@@ -66,40 +56,36 @@ class CorrectedTarget(JointValues):
 class CompensateResult(Result):
     """Corrected commands, and the error that is expected to remain.
 
-    scatter_of : undecided where these data do not separate it from what the model lacks
+    expected : of the corrected commands, beside what they cannot mend
     not_clear : what the arm meets at a corrected command, by target
     """
 
     command: Literal["compensate"] = "compensate"
     errors_at: Literal["markers", "tip"]
-    rms_mm: RmsErrors
+    rms_mm: CorrectedErrors
     p95_mm: CorrectedErrors
     max_mm: CorrectedErrors
-    unexplained_from: str
-    scatter_of: Literal["arm", "undecided"]
+    expected: ExpectedErrors
     limited: dict[str, Count]
     not_clear: dict[str, str]
     targets: tuple[CorrectedTarget, ...] = Field(min_length=1)
 
     @classmethod
-    def of(cls, cell: Cell, found: Compensation, made_from: Envelope) -> Self:
+    def of(cls, found: Compensation, cell: Cell, made_from: Envelope) -> Self:
         """A compensation in a cell."""
         from doe.constraints import broken_at
 
-        robot, error, names = cell.robot, found.error, found.targets.names
-        basic = {"before": found.before, "left": found.left, "expected": found.expected}
-        parts = {"scatter": error.arm, "unexplained": error.model}
-        errors = {**basic, "from_parameters": error.parameters, **parts}
+        robot, names = cell.robot, found.targets.names
+        errors = {"before": found.before, "left": found.left, "expected": found.expected}
         reasons = sorted({*found.limited_by} - {""})
         return cls(
             **made_from,
             warnings=found.notes,
             errors_at="markers" if found.at == "markers" else "tip",
-            rms_mm=RmsErrors(**{name: found.rms(own) * MM for name, own in errors.items()}),
-            p95_mm=CorrectedErrors(**{k: np.quantile(own, 0.95) * MM for k, own in basic.items()}),
-            max_mm=CorrectedErrors(**{k: np.max(own) * MM for k, own in basic.items()}),
-            unexplained_from=error.estimate.discrepancy.source,
-            scatter_of="undecided" if error.estimate.configuration_of == "undecided" else "arm",
+            rms_mm=CorrectedErrors(**{k: found.rms(own) * MM for k, own in errors.items()}),
+            p95_mm=CorrectedErrors(**{k: np.quantile(own, 0.95) * MM for k, own in errors.items()}),
+            max_mm=CorrectedErrors(**{k: np.max(own) * MM for k, own in errors.items()}),
+            expected=ExpectedErrors.of(found.error, found.weights),
             limited={reason: found.limited_by.count(reason) for reason in reasons},
             not_clear={
                 n: met for n, met in zip(names, broken_at(cell, found.q), strict=True) if met
@@ -118,6 +104,10 @@ class CompensateResult(Result):
                 for i, name in enumerate(names)
             ),
         )
+
+    @property
+    def main_table(self) -> tuple[CorrectedTarget, ...]:
+        return self.targets
 
     @property
     def error(self) -> BeforeAfter:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from pydantic import Field
 
-from studies.results.base import MICRO, Entry, NotNegative, Number, Row, Unit, tuples
+from studies.results.base import MICRO, Count, Entry, NotNegative, Number, Row, Unit, tuples
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
@@ -27,14 +26,12 @@ def _added(result: Diagnosis) -> list[Candidate]:
     shares = {(place.where, place.depends_on): place.share for place in result.located}
     every = [(cause.share, cause.named.candidate) for cause in result.fitted_causes]
     every += [
-        (shares.get((candidate.where, candidate.depends_on), np.nan), candidate)
-        for candidate in (entry.candidate for entry in result.outcome.entries)
-        if not candidate.named
+        (shares.get((entry.candidate.where, entry.candidate.depends_on), np.nan), entry.candidate)
+        for entry in result.outcome.entries
+        if not entry.candidate.named
     ]
-    return [
-        candidate
-        for _, candidate in sorted(every, key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))
-    ]
+    largest_first = sorted(every, key=lambda pair: -np.nan_to_num(pair[0], nan=-np.inf))
+    return [candidate for _, candidate in largest_first]
 
 
 def _label(candidate: Candidate) -> str:
@@ -57,18 +54,14 @@ class ErrorSteps(Entry):
         """Fit the model again with one more effect each time."""
         from calib.diagnosis.gap import rms, squared_errors
 
-        added, stage, before = _added(result), result.stage, result.before
+        added, stage, before, after = _added(result), result.stage, result.before, result.after
         data = stage.data.take(~stage.dropped) if result.heldout is None else result.heldout
+        effects = [candidate.effect for candidate in added]
         between = [
-            stage.fit(
-                [c.effect for c in added[:n]],
-                before.values,
-                result.after.amplitudes,
-                result.after.variances,
-            )
+            stage.fit(effects[:n], before.values, after.amplitudes, after.variances)
             for n in range(1, len(added))
         ]
-        fits = [before, *between, *([result.after] if added else [])]
+        fits = [before, *between, *([after] if added else [])]
         shown = before.model.readout.channels.shown
         return cls(
             unit="mm" if shown.unit == "mm" else "px",
@@ -81,16 +74,14 @@ class ErrorSteps(Entry):
 class CurvePanel(Entry):
     """One direction of an error, in the units shown.
 
-    value, std : the curve on the grid, and at_poses, std_at_poses at the poses
-    single : what each pose says by itself; effect : what was named, at the poses, None where nothing
-    line : whether that is a line over the variable; else it is a point at each pose
+    value, std : the curve on the grid; single : what each pose says by itself
+    effect : what was named, at the poses, None where nothing; line : whether that is a line over the
+        variable; else it is a point at each pose
     """
 
     label: str
     value: Row
     std: Row
-    at_poses: Row
-    std_at_poses: Row
     single: Row
     effect: Row | None
     line: bool
@@ -99,18 +90,20 @@ class CurvePanel(Entry):
 class ErrorCurve(Entry):
     """The error of one place over what it depends on.
 
+    effect : the cause that was named, None where nothing
     levels : whether the variable takes a few values only, between which there is nothing
+    coefficients, absorbed : of the curve, and how many combined the model contains as well
     """
 
-    name: str
-    title: str
-    caption: str
+    where: str
+    depends_on: str
     effect: str | None
     levels: bool
+    coefficients: Count
+    absorbed: Count
     variable_label: str
     grid: tuple[Number, ...] = Field(min_length=2)
     variable: Row
-    pose_names: tuple[str, ...]
     panels: tuple[CurvePanel, ...] = Field(min_length=1)
 
     @classmethod
@@ -119,43 +112,39 @@ class ErrorCurve(Entry):
         from calib.diagnosis.error_curve import error_curve
 
         robot = result.before.model.robot
-        for number, candidate in enumerate(_added(result), 1):
+        for candidate in _added(result):
             fitted = error_curve(result, candidate)
             if fitted is not None:
-                yield cls._of(fitted, number, robot)
+                yield cls.of(fitted, robot)
 
     @classmethod
-    def _of(cls, fitted: FittedCurve, number: int, robot: Robot) -> Self:
-        candidate, named = fitted.candidate, fitted.candidate.named
-        where, variable = candidate.where, candidate.depends_on
+    def of(cls, fitted: FittedCurve, robot: Robot) -> Self:
+        """The entry of a curve."""
+        candidate, knots = fitted.candidate, fitted.knots
+        few = len(knots) <= _LEVELS
+        on_grid = np.isin(fitted.grid, knots) if few else np.ones(len(fitted.grid), bool)
         scale, variable_label = _variable(fitted, robot)
-        few = len(fitted.knots) <= _LEVELS
-        on_grid = np.isin(fitted.grid, fitted.knots) if few else np.ones(len(fitted.grid), bool)
-
-        def panel(c: int) -> CurvePanel:
-            return CurvePanel(
-                label=_axis_label(fitted, c, robot),
-                value=tuples(fitted.value[on_grid, c] * MICRO),
-                std=tuples(fitted.std[on_grid, c] * MICRO),
-                at_poses=tuples(fitted.at_poses[:, c] * MICRO),
-                std_at_poses=tuples(fitted.std_at_poses[:, c] * MICRO),
-                single=tuples(fitted.single[:, c] * MICRO),
-                effect=tuples(fitted.effect[:, c] * MICRO) if named else None,
-                line=fitted.function[c],
-            )
-
-        plain = re.sub(r"[^A-Za-z0-9]+", "_", f"{where} by {variable}")
         return cls(
-            name=f"error_{number}_{plain}",
-            title=f"Error of {where} over {variable}",
-            caption=_caption(fitted),
-            effect=_label(candidate) if named else None,
+            where=candidate.where,
+            depends_on=candidate.depends_on,
+            effect=_label(candidate) if candidate.named else None,
             levels=few,
+            coefficients=len(knots) * fitted.directions.shape[1],
+            absorbed=fitted.absorbed,
             variable_label=variable_label,
             grid=tuples(fitted.grid[on_grid] * scale),
             variable=tuples(fitted.variable * scale),
-            pose_names=fitted.poses.names,
-            panels=tuple(map(panel, _clear(fitted))),
+            panels=tuple(
+                CurvePanel(
+                    label=_axis_label(fitted, c, robot),
+                    value=tuples(fitted.value[on_grid, c] * MICRO),
+                    std=tuples(fitted.std[on_grid, c] * MICRO),
+                    single=tuples(fitted.single[:, c] * MICRO),
+                    effect=tuples(fitted.effect[:, c] * MICRO) if candidate.named else None,
+                    line=fitted.function[c],
+                )
+                for c in _clear(fitted)
+            ),
         )
 
 
@@ -193,30 +182,3 @@ def _axis_label(fitted: FittedCurve, c: int, robot: Robot) -> str:
         return f"error of {where} [{unit}]"
     axis = " ".join(f"{x:.2f}" for x in column[3:] + 0.0).replace("-", "\N{MINUS SIGN}")
     return f"tilt of {where}\nabout ({axis}) [{unit}]"
-
-
-def _caption(fitted: FittedCurve) -> str:
-    """How to read the curve."""
-    candidate, name = fitted.candidate, _label(fitted.candidate)
-    where, variable = candidate.where, candidate.depends_on
-    line = f"The error of {where} over {variable}: a line through knots"
-    grey = "Grey points are what each pose says by itself."
-    if not candidate.named:
-        said = f"{line} with its 95 % band. {grey} No cause in the catalogue has this shape."
-    elif all(fitted.function[c] for c in _clear(fitted)):
-        said = (
-            f"{line}, fitted in place of {name}, with its 95 % band. {grey} Where {name}, as fitted, "
-            "keeps within the band it has the right shape."
-        )
-    else:
-        said = (
-            f"{line}, fitted in place of {name}, with its 95 % band. {grey} {name} depends on more "
-            f"than {variable}: a cross for each pose, to be compared with the pose's grey point."
-        )
-    if fitted.absorbed:
-        said += (
-            f" Of {len(fitted.knots) * fitted.directions.shape[1]} coefficients {fitted.absorbed} "
-            "combined (such as a constant part) might as well be errors of what the model contains; "
-            "they are taken out of all that is drawn."
-        )
-    return said

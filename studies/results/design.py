@@ -19,51 +19,19 @@ from studies.results.base import (
     Number,
     Result,
 )
+from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, ParameterStd, joint_values
 
 if TYPE_CHECKING:
-    from calib.arrays import Array
-    from doe import Design, plan
-    from doe.assess import Assessment
-    from doe.order import PlannedDay
-    from doe.plan import Rival
-    from doe.repeats import Reapproaches
-
-
-class BeforePolish(Entry):
-    """The plan of candidates alone."""
-
-    value: Maybe
-    bound: Maybe
-    efficiency: Number
+    from calib import Cell
+    from doe import Design
 
 
 class Proof(Entry):
-    """The certificate: what no plan surpasses, and how it was found."""
+    """What is missing to the bound: the solver's tolerance, and how far apart searches ended."""
 
-    weighted_value: Maybe
     solver_gap: Number
-    before_polish: BeforePolish
     agreement_of_starts: Number
-    surviving_candidates: Count
-    rounds: Count
-
-    @classmethod
-    def of(cls, found: Design) -> Self:
-        """The certificate of a design."""
-        proof, shown = found.certificate, found.problem.criterion.shown
-        return cls(
-            weighted_value=shown(proof.weighted),
-            solver_gap=proof.solver_gap,
-            before_polish=BeforePolish(
-                value=shown(proof.pool_value),
-                bound=shown(proof.pool_bound),
-                efficiency=min(1.0, proof.pool_value / proof.pool_bound),
-            ),
-            agreement_of_starts=proof.agreement_of_starts,
-            surviving_candidates=found.candidates.survivors,
-            rounds=proof.rounds,
-        )
 
 
 class DesignPose(JointValues):
@@ -81,13 +49,6 @@ class PlanAccuracy(Entry):
     determinant: Maybe
     trace: Maybe
     observability: dict[str, Maybe]
-
-
-def _accuracy(judged: Assessment) -> dict[str, Any]:
-    """The fields of :class:`PlanAccuracy`."""
-    same = {name: getattr(judged, name) for name in ("determinant", "trace", "observability")}
-    errors = {"task_rms_mm": judged.task_rms * MM, "task_worst_mm": judged.task_worst * MM}
-    return {**same, **errors}
 
 
 class LossOfPose(Entry):
@@ -123,48 +84,20 @@ class CandidateCounts(Entry):
     removed_by: dict[str, Count]
 
 
-class RelativeStd(Entry):
-    """Standard deviation of the arm's repeatability over its size, as second visits show it."""
-
-    common: Maybe
-    translation: Maybe
-    rotation: Maybe
-
-
 class RepeatVisits(Entry):
-    """Poses that are visited again, the names of their second visits; asked : else by default."""
+    """Poses that are visited again, the names of their second visits, and what these free."""
 
     poses: tuple[str, ...]
     again: tuple[str, ...]
     dof: NotNegative
-    repeatability_relative_std: RelativeStd
-    asked: bool
-
-    @classmethod
-    def of(cls, found: Reapproaches) -> Self:
-        """The repeat visits of a plan."""
-        std = RelativeStd.model_validate(found, from_attributes=True)
-        return cls(
-            poses=found.poses, again=found.again, dof=found.dof, repeatability_relative_std=std,
-            asked=found.asked,
-        )  # fmt: skip
 
 
 class RivalPlan(PlanAccuracy):
-    """A plan judged by the same bound; std : of each parameter, in its unit."""
+    """A plan judged by the same bound."""
 
     poses: Count
     value: Maybe
     efficiency: Maybe
-    std: tuple[Maybe, ...]
-
-    @classmethod
-    def of(cls, rival: Rival, units: Array) -> Self:
-        """A plan; units : ndarray, shape (p,), one unit of each parameter in SI."""
-        own = rival.assessment
-        std = tuple((own.std / units).tolist())
-        accuracy, share = _accuracy(own), rival.efficiency
-        return cls(**accuracy, poses=rival.poses, value=own.value, efficiency=share, std=std)
 
 
 class CurveStep(Entry):
@@ -174,12 +107,6 @@ class CurveStep(Entry):
     value: Maybe
     task_rms_mm: MaybePositive
     efficiency: Maybe
-
-    @classmethod
-    def of(cls, step: plan.CurveStep) -> Self:
-        """A step of a curve."""
-        own, rms = step.efficiency, step.task_rms * MM
-        return cls(poses=step.poses, value=step.value, task_rms_mm=rms, efficiency=own)
 
 
 class DayTimes(Entry):
@@ -195,20 +122,12 @@ class DayTimes(Entry):
     standing_s: NotNegative
     speedless: tuple[str, ...] = ()
 
-    @classmethod
-    def of(cls, day: PlannedDay) -> Self:
-        """The day of a plan."""
-        return cls(
-            speed_percent=day.cell.pace.speed * 100.0,
-            seconds=day.seconds,
-            moving_s=day.moving,
-            standing_s=day.standing,
-            speedless=day.speedless,
-        )
-
 
 class DesignResult(Result, PlanAccuracy):
-    """The poses to measure, and the proof of how good they are."""
+    """The poses to measure, and the proof of how good they are.
+
+    expected : error at the targets, if the model is complete and the arm scatters as the cell states
+    """
 
     command: Literal["design"] = "design"
     criterion: str
@@ -222,6 +141,7 @@ class DesignResult(Result, PlanAccuracy):
     levels_deg: dict[str, tuple[Number, ...]]
     levels_mm: dict[str, tuple[Number, ...]]
     predicted_std: tuple[ParameterStd, ...]
+    expected: ExpectedErrors
     targets: str
     survives: Survives
     candidates: CandidateCounts
@@ -234,28 +154,25 @@ class DesignResult(Result, PlanAccuracy):
     notes: tuple[str, ...]
     granted: tuple[str, ...]
     seconds: NotNegative
-    seconds_by_part: dict[str, NotNegative]
     pays_until: Count | None
     matches: dict[str, Count | None]
     unchecked: str
     day: DayTimes | None
 
     @classmethod
-    def of(cls, found: Design, made_from: Envelope) -> Self:
-        """A design."""
+    def of(cls, found: Design, cell: Cell, made_from: Envelope) -> Self:
+        """A design in a cell."""
         from doe.constraints.self_collision import unchecked
-        from doe.curve import poses_that_match, stops_paying
         from doe.order import travel
+        from doe.plan import stops_paying
 
         problem, judged, again = found.problem, found.assessment, found.reapproaches
-        cell, criterion, fixed = problem.cell, problem.criterion, problem.request.fixed
-        robot, parameters = cell.robot, problem.model.parameters
-        units = np.array([p.scale for p in parameters])
+        criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
         counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
         levels = shown_levels(found)
-        return cls(
+        return cls.from_object(
+            judged,
             **made_from,
-            **_accuracy(judged),
             **_levels(found, levels),
             criterion=found.criterion,
             criterion_unit=criterion.unit,
@@ -263,30 +180,39 @@ class DesignResult(Result, PlanAccuracy):
             value=found.value,
             bound=found.bound,
             efficiency=found.efficiency,
-            proof=Proof.of(found),
+            proof=Proof.from_object(found.certificate),
             poses=tuple(
                 DesignPose(pose=name, level=level, **joint_values(robot, q))
                 for name, level, q in zip(found.poses.names, levels, found.poses.q, strict=True)
             ),
-            predicted_std=ParameterStd.known(parameters, judged.std),
+            predicted_std=ParameterStd.known(problem.model.parameters, judged.std),
+            expected=ExpectedErrors.of_plan(found, cell),
             targets=cell.targets_in_words,
             survives=Survives.of(found),
-            candidates=CandidateCounts.model_validate(found.candidates, from_attributes=True),
+            candidates=CandidateCounts.from_object(found.candidates),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
-            reapproaches=None if again is None else RepeatVisits.of(again),
+            reapproaches=None if again is None else RepeatVisits.from_object(again),
             extends=None if fixed is None else len(fixed),
-            against={name: RivalPlan.of(rival, units) for name, rival in found.rivals.items()},
-            curve=tuple(map(CurveStep.of, found.curve)),
+            against={
+                name: RivalPlan.from_object(
+                    own.assessment, poses=own.poses, efficiency=own.efficiency
+                )
+                for name, own in found.rivals.items()
+            },
+            curve=tuple(map(CurveStep.from_object, found.curve)),
             notes=found.notes,
             granted=found.granted,
             seconds=sum(found.seconds.values()),
-            seconds_by_part=found.seconds,
             pays_until=stops_paying(counts, errors),
-            matches=poses_that_match(found.curve, found) if found.curve else {},
+            matches=found.matches if found.curve else {},
             unchecked=unchecked(cell),
-            day=DayTimes.of(found.day),
+            day=DayTimes.from_object(found.day, speed_percent=found.day.cell.pace.speed * 100.0),
         )
+
+    @property
+    def main_table(self) -> tuple[DesignPose, ...]:
+        return self.poses
 
     @property
     def chosen(self) -> int:

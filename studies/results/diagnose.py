@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -26,22 +26,18 @@ from studies.results.base import (
     Unit,
 )
 from studies.results.curves import ErrorCurve, ErrorSteps
-from studies.results.estimate import Estimated, Lengths, Pixels, Residual, bad_readings
+from studies.results.estimate import Estimated, Lengths, Pixels, Residual
+from studies.results.expected import ExpectedErrors
 from studies.results.noise import Noise
+from studies.results.parts import Conditions
 
 if TYPE_CHECKING:
-    from calib import Measurements
+    from calib import Cell, Measurements
     from calib.diagnosis import Diagnosis
     from calib.diagnosis.causes import Cause as FittedCause
     from calib.diagnosis.gap import Gap
     from calib.diagnosis.spectra import Spectrum
-    from calib.effects import Effect
     from calib.instruments.protocol import Component
-
-
-def _absent(value: object) -> bool:
-    """Whether a key of days with a camera is empty, and left out of the file."""
-    return not value
 
 
 class LikelyCause(Cause):
@@ -70,23 +66,21 @@ class FoundCause(LikelyCause):
     """
 
     p_value: Number
-    shape_p_value: Maybe
-    shape_power: Maybe = None
-    shape_tested: bool = True
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[CauseParameter, ...]
     share_of_gap: Maybe
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
     standing: Literal["established", "likely", "one_of"]
-    decided_by: str | None = Field(default=None, exclude_if=_absent)
+    decided_by: str | None = None
     chosen_again: Maybe = None
     curve_ratio: Maybe = None
 
     @classmethod
     def of(cls, cause: FittedCause, spectra: Sequence[Spectrum], tip: str) -> Self:
         """The entry of a cause; tip : name of the frame that is the tool's."""
-        effect, evidence, doubt = cause.named.candidate.effect, cause.evidence, cause.doubt
+        effect, evidence = cause.named.candidate.effect, cause.evidence
+        others = cause.members if len(cause.members) > 1 else ()
         cycles = [
             value / p.scale
             for p, value in zip(effect.parameters, cause.values, strict=True)
@@ -97,9 +91,6 @@ class FoundCause(LikelyCause):
             where=place(cause.where, tip),
             probability=cause.probability,
             p_value=cause.p,
-            shape_p_value=doubt.p,
-            shape_power=doubt.power,
-            shape_tested=doubt.tested,
             alike=tuple(
                 LikelyCause(effect=c.effect.kind, where=place(c.where, tip), probability=p)
                 for c, p in cause.members
@@ -112,7 +103,7 @@ class FoundCause(LikelyCause):
             aliases=aliases_of(effect.where, cycles[0], spectra) if cycles else (),
             far_out=cause.far_out or None,
             standing=cause.standing,
-            decided_by=_decided_by([c.effect for c in cause.named.causes]),
+            decided_by=next((o.effect.decided_by for o, _ in others if o.effect.decided_by), None),
             chosen_again=evidence.again,
             curve_ratio=evidence.curve_ratio,
         )
@@ -139,15 +130,6 @@ def place(where: str, tip: str) -> str:
     return "tool" if where == tip else where
 
 
-def _decided_by(members: Sequence[Effect]) -> str | None:
-    """What tells causes of camera, board and arm apart, beyond further poses."""
-    from calib.diagnosis.gap import side_of
-
-    if len({side_of(effect.where) for effect in members}) < 2:
-        return None
-    return next((effect.decided_by for effect in members if effect.decided_by), None)
-
-
 def aliases_of(joint: str, cycles: float, spectra: Sequence[Spectrum]) -> tuple[float, ...]:
     """The cycles a turn that these poses cannot tell from those of a ripple of a joint."""
     for spectrum in spectra:
@@ -159,13 +141,6 @@ def aliases_of(joint: str, cycles: float, spectra: Sequence[Spectrum]) -> tuple[
 
 def _rounded(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(round(float(value), 2) for value in values)
-
-
-class Side(Entry):
-    """Camera, board or arm, and its share of the unmodelled error; the shares add up."""
-
-    side: Literal["camera", "board", "arm"]
-    share_of_gap: Number
 
 
 class LocatedPlace(Entry):
@@ -203,26 +178,19 @@ class GapErrors(Entry):
     @classmethod
     def of(cls, gap: Gap, shown: Component) -> Self:
         """The entry of a gap; shown : the unit of its errors."""
-
-        def scaled(value: float | None) -> float | None:
-            return None if value is None else value / shown.scale
-
-        crossed, over_time = gap.crossed or (None, None), gap.over_time or (None, None)
-        return cls(
-            unit=shown.unit,
-            floor_mm=gap.floor / shown.scale,
-            fit_before_mm=gap.fit_before / shown.scale,
-            fit_after_mm=gap.fit_after / shown.scale,
-            heldout_before_mm=scaled(gap.heldout_before),
-            heldout_after_mm=scaled(gap.heldout_after),
-            heldout_rose=gap.heldout_rose,
-            crossvalidated_before_mm=scaled(crossed[0]),
-            crossvalidated_after_mm=scaled(crossed[1]),
-            over_time_before_mm=scaled(over_time[0]),
-            over_time_after_mm=scaled(over_time[1]),
-            closed=gap.closed,
-            closed_ci95=gap.closed_ci95,
+        scale, names = shown.scale, ("fit", "heldout", "crossvalidated", "over_time")
+        pairs = (
+            (gap.fit_before, gap.fit_after),
+            (gap.heldout_before, gap.heldout_after),
+            gap.crossed or (None, None),
+            gap.over_time or (None, None),
         )
+        errors = {
+            f"{name}_{when}_mm": None if value is None else value / scale
+            for name, pair in zip(names, pairs, strict=True)
+            for when, value in zip(("before", "after"), pair, strict=True)
+        }
+        return cls.from_object(gap, **errors, unit=shown.unit, floor_mm=gap.floor / scale)
 
     @property
     def rows(self) -> list[tuple[str, float, float | None]]:
@@ -280,23 +248,10 @@ class SpectrumLines(Entry):
     def of(cls, spectrum: Spectrum) -> Self:
         """What a spectrum shows of gears."""
         lines = (
-            SpectrumLine(
-                cycles=line.cycles,
-                std=line.std,
-                amplitude_urad=line.amplitude * 1e6,
-                amplitude_std_urad=line.amplitude_std * 1e6,
-                fall=line.fall,
-                ratios=line.ratios,
-                aliases=_rounded(line.aliases),
-            )
+            SpectrumLine.from_object(line, aliases=_rounded(line.aliases))
             for line in spectrum.lines
         )
-        return cls(
-            joint=spectrum.joint,
-            false_alarm=spectrum.false_alarm,
-            repeats_1_turn=spectrum.repeats,
-            lines=tuple(lines),
-        )
+        return cls.from_object(spectrum, repeats_1_turn=spectrum.repeats, lines=tuple(lines))
 
 
 class DiagnoseResidual(Residual):
@@ -322,7 +277,6 @@ class DiagnoseResult(Result):
     effects: tuple[FoundCause, ...]
     possible: tuple[FoundCause, ...] = ()
     rest: Rest
-    sides: tuple[Side, ...] = Field(default=(), exclude_if=_absent)
     located: tuple[LocatedPlace, ...]
     gap: GapErrors
     could_not_see: tuple[DetectionLimit, ...]
@@ -333,19 +287,27 @@ class DiagnoseResult(Result):
     outliers: tuple[Outlier, ...]
     spectra: tuple[SpectrumLines, ...]
     holdout: str | None
+    expected: ExpectedErrors
     estimate: Estimated
     steps: ErrorSteps | None
     curves: tuple[ErrorCurve, ...]
     residuals: tuple[DiagnoseResidual, ...]
+    conditions: tuple[Conditions, ...]
 
     @classmethod
     def of(
-        cls, result: Diagnosis, made_from: Envelope, *, figures: bool, after_s: float, **asked: Any
+        cls,
+        result: Diagnosis,
+        cell: Cell,
+        made_from: Envelope,
+        *,
+        figures: bool = True,
+        warnings: Iterable[str] = (),
+        holdout: str | None = None,
     ) -> Self:
-        """The result of a diagnosis.
+        """The result of a diagnosis of a cell.
 
-        figures : whether it holds what they show: further fits
-        after_s : after the last reading the arm comes to its targets; asked : holdout, warnings
+        figures : whether it holds what they show: further fits; warnings : of the data
         """
         from calib.diagnosis.spectra import spectra
         from calib.prediction.estimate import estimate_of
@@ -353,6 +315,7 @@ class DiagnoseResult(Result):
         after, poses, rest = result.after, result.data.poses, result.rest
         model, tip, lines = after.model, after.model.robot.tip, spectra(result)
         footprint = model.footprint(after.values, result.data)
+        estimate = estimate_of(result, cell.design.targets_after or 0.0)
         steps: ErrorSteps | None = None
         curves: tuple[ErrorCurve, ...] = ()
         residuals: list[DiagnoseResidual] = []
@@ -363,53 +326,50 @@ class DiagnoseResult(Result):
                 residuals += DiagnoseResidual.of_both(result, result.heldout, True)
         return cls(
             **made_from,
-            **asked,
+            warnings=(*warnings, *result.warnings),
+            holdout=holdout,
             verdict=result.verdict,
             noise=Noise.of(result.noise, after.levels, result.stage.scatter, model, footprint),
             effects=tuple(FoundCause.of(cause, lines, tip) for cause in result.causes),
             possible=tuple(FoundCause.of(cause, lines, tip) for cause in result.possible),
-            rest=Rest(
-                mm=rest.size * 1e3,
-                kind=rest.kind,
-                of=rest.of,
-                repeatability_mm=rest.repeatability * 1e3,
-                repeatability_source=rest.source,
-            ),
-            sides=tuple(Side(side=entry.side, share_of_gap=entry.share) for entry in result.sides),
+            rest=Rest.from_object(rest, mm=rest.size * 1e3, repeatability_source=rest.source),
             located=tuple(
-                LocatedPlace(
-                    where=place(entry.where, tip),
-                    depends_on=entry.depends_on,
-                    share_of_gap=entry.share,
+                LocatedPlace.from_object(
+                    entry, where=place(entry.where, tip), share_of_gap=entry.share
                 )
                 for entry in result.located
             ),
             gap=GapErrors.of(result.gap, model.readout.channels.shown),
             could_not_see=tuple(
-                DetectionLimit(
-                    effect=entry.effect,
+                DetectionLimit.from_object(
+                    entry,
                     where=place(entry.where, tip),
                     minimum_detectable=entry.smallest / entry.scale,
-                    unit=entry.unit,
-                    left_mm=entry.left * 1e3,
                 )
                 for entry in result.hidden
             ),
             refused=tuple(
-                RefusedCause(
-                    effect=entry.effect, where=place(entry.where, tip), reason=entry.reason
-                )
+                RefusedCause.from_object(entry, where=place(entry.where, tip))
                 for entry in result.refused
             ),
-            not_asked=tuple(NotAsked(effect=o.effect, reason=o.reason) for o in result.not_asked),
+            not_asked=tuple(map(NotAsked.from_object, result.not_asked)),
             approach_derived=bool(poses.approach is not None and poses.approach_derived),
             not_fitted=tuple(np.array(poses.names)[result.waiting].tolist()),
-            outliers=tuple(_outliers(result)),
+            outliers=tuple(
+                Outlier(
+                    pose=poses.names[i],
+                    reason=f"mean square {result.statistic[i]:.1f} of its own spread, "
+                    f"limit {result.limit:.1f}",
+                )
+                for i in np.flatnonzero(result.outlier).tolist()
+            ),
             spectra=tuple(map(SpectrumLines.of, lines)),
-            estimate=Estimated.of(estimate_of(result, after_s)),
+            expected=ExpectedErrors.at_targets(cell, estimate),
+            estimate=Estimated.of(estimate),
             steps=steps,
             curves=curves,
             residuals=tuple(residuals),
+            conditions=tuple(Conditions.each(model.robot, result.data, False)),
         )
 
     @property
@@ -422,6 +382,10 @@ class DiagnoseResult(Result):
         if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
             return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, gap.unit, True)
         return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, of, gap.unit)
+
+    @property
+    def main_table(self) -> tuple[FoundCause, ...]:
+        return self.effects
 
     @property
     def worst_hidden(self) -> DetectionLimit | None:
@@ -462,15 +426,3 @@ class DiagnoseResult(Result):
                 left.remove(cause)
             named.append((located, "unknown" if cause is None else cause.effect))
         return named
-
-
-def _outliers(result: Diagnosis) -> Iterator[Outlier]:
-    from calib.identification.residuals import Residuals
-
-    model = result.after.model
-    part = Residuals.of(model, result.data, result.after.values, result.outlier)
-    for i in np.flatnonzero(result.outlier).tolist():
-        reason = bad_readings(part, model, i) or (
-            f"mean square {result.statistic[i]:.1f} of its own spread, limit {result.limit:.1f}"
-        )
-        yield Outlier(pose=result.data.poses.names[i], reason=reason)

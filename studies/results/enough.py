@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Literal, Self
 
 from studies.results.base import (
     MM,
@@ -17,9 +18,11 @@ from studies.results.base import (
     Positive,
     Result,
 )
+from studies.results.expected import ExpectedErrors
 from studies.results.parts import ParameterStd
 
 if TYPE_CHECKING:
+    from calib import Cell
     from calib.model import Model
     from doe import Enough
     from doe.forecast.accuracy import ForecastStep
@@ -75,14 +78,11 @@ class LastingError(Entry):
                 source=own.seen.source,
                 heldout_mm=None if read is None else read * MM,
             )
-        return cls(
-            rms_mm=own.rms * MM,
-            scatter_mm=own.scatter * MM,
-            scatter_of=own.scatter_of,
+        return cls.from_object(
+            own,
             unexplained_mm=own.of_model * MM,
             unexplained_from=own.discrepancy.source,
             unexplained_surely=own.surely,
-            trend_mm=own.trend * MM,
             targets_after_h=None if own.after is None else own.after / _HOUR,
             seen=seen,
         )
@@ -107,20 +107,6 @@ class ExpectedStep(Entry):
     from_parameters_mm: Maybe
     unidentifiable: tuple[str, ...]
 
-    @classmethod
-    def of(cls, step: ForecastStep, **more: Any) -> Self:
-        """A step; more : further fields of the class."""
-        return cls(
-            pose=step.pose,
-            readings=step.readings,
-            task_rms_mm=step.task_rms * MM,
-            task_worst_mm=step.task_worst * MM,
-            task_most_mm=step.task_most * MM,
-            from_parameters_mm=step.from_parameters * MM,
-            unidentifiable=step.open,
-            **more,
-        )
-
 
 class KnownParameter(ParameterStd):
     """How well a parameter is known; share : of the size that such errors have."""
@@ -137,9 +123,8 @@ class KnownState(ExpectedStep):
     def at(cls, model: Model, step: ForecastStep) -> Self:
         """A step of the model of the day."""
         share = step.std / model.sizes
-        return cls.of(
-            step, parameters=KnownParameter.known(model.parameters, step.std, share=share)
-        )
+        known = KnownParameter.known(model.parameters, step.std, share=share)
+        return cls.from_object(step, unidentifiable=step.open, parameters=known)
 
 
 class EnoughResult(Result):
@@ -150,6 +135,7 @@ class EnoughResult(Result):
     status: str
     reason: str | None
     noise: NoiseSoFar
+    expected: ExpectedErrors | None
     lacking: LastingError
     plan: PlanProgress
     now: KnownState
@@ -163,14 +149,25 @@ class EnoughResult(Result):
     pays_until: Count | None
 
     @classmethod
-    def of(cls, answer: Enough, planned: int, targets: str, made_from: Envelope) -> Self:
-        """An answer; planned : poses of the plan; targets : in words."""
+    def of(
+        cls,
+        answer: Enough,
+        cell: Cell,
+        made_from: Envelope,
+        *,
+        planned: int = 0,
+        warnings: Iterable[str] = (),
+    ) -> Self:
+        """An answer in a cell; planned : poses of the plan; warnings : of the data."""
+        from calib.prediction.estimate import estimate_of
+
         found, model, coming = answer.found, answer.model, answer.steps[1:]
-        length = model.readout.channels.metric
-        return cls(
+        length, after = model.readout.channels.metric, cell.design.targets_after or 0.0
+        return cls.from_object(
+            answer,
             **made_from,
-            warnings=answer.match.warnings,
-            targets=targets,
+            warnings=(*warnings, *answer.match.warnings),
+            targets=cell.targets_in_words,
             status="too_few" if found is None else found.status,
             reason=answer.why or None,
             noise=NoiseSoFar(
@@ -178,23 +175,33 @@ class EnoughResult(Result):
                 source="cell" if found is None else found.noise.source,
                 pixel_mm=None if length else answer.footprint * MM,
             ),
+            expected=None
+            if found is None
+            else ExpectedErrors.at_targets(cell, estimate_of(found, after)),
             lacking=LastingError.of(answer),
             plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
             now=KnownState.at(model, answer.steps[0]),
-            order=tuple(map(ExpectedStep.of, coming)),
+            order=tuple(ExpectedStep.from_object(s, unidentifiable=s.open) for s in coming),
             end=KnownState.at(model, answer.steps[-1]),
-            goal_mm=None if answer.goal is None else answer.goal * MM,
             goal_beyond_reach=answer.beyond_reach,
             poses_to_goal=answer.needed,
             fresh_poses_to_goal=answer.fresh_needed,
-            fresh=tuple(map(ExpectedStep.of, answer.fresh)),
-            pays_until=answer.pays_until,
+            fresh=tuple(ExpectedStep.from_object(s, unidentifiable=s.open) for s in answer.fresh),
         )
+
+    @property
+    def main_table(self) -> tuple[ExpectedStep, ...]:
+        return (self.now, *self.order)
+
+    @property
+    def rms_now_mm(self) -> float | None:
+        """Expected at the targets now: of the fit, or as foreseen where there is none yet."""
+        return self.now.task_rms_mm if self.expected is None else self.expected.rms_mm
 
     @property
     def error(self) -> BeforeAfter | None:
         """Expected at the targets now, and after all planned poses."""
-        now, end = self.now.task_rms_mm, self.end.task_rms_mm
+        now, end = self.rms_now_mm, self.end.task_rms_mm
         if now is None or end is None:
             return None
         judged = None

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from calib.poses import Measurements
     from calib.prediction.estimate import Estimate
 
-_MOST_NAMES = 3
-
 
 class EstimatedParameter(Entry):
     """A parameter by its effect, its place and its name there."""
@@ -74,8 +72,9 @@ class Estimated(Entry):
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
         """The entry of an estimate."""
-        variances, left = estimate.variances, estimate.discrepancy
-        return cls(
+        variances = estimate.variances
+        return cls.from_object(
+            estimate,
             parameters=tuple(
                 EstimatedParameter(effect=p.effect, where=p.where, name=p.name, value_SI=value)
                 for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
@@ -83,7 +82,7 @@ class Estimated(Entry):
             covariance_SI=tuples(estimate.covariance),
             session_start_s=estimate.start,
             session_clock=estimate.clock_unit,
-            unexplained=Unexplained(rms_mm=left.rms * MM, source=left.source),
+            unexplained=Unexplained.from_object(estimate.discrepancy),
             scatter_SI=None
             if variances is None
             else ScatterVariances(
@@ -92,9 +91,6 @@ class Estimated(Entry):
                 configuration_of=estimate.configuration_of,
             ),
             trend_SI=tuples(estimate.trend),
-            undetermined=estimate.undetermined,
-            notes=estimate.notes,
-            converged=estimate.converged,
         )
 
 
@@ -176,7 +172,7 @@ class Residual(Entry):
                 )
 
 
-def outliers(part: Residuals, model: Model, footprint: float) -> Iterator[Outlier]:
+def outliers(part: Residuals, footprint: float) -> Iterator[Outlier]:
     """The outliers among poses fitted or held out; footprint : m, to one unit of the readings."""
     for i in np.flatnonzero(part.outlier).tolist():
         errors = np.where(part.channels.lengths, part.vectors[i], 0.0)
@@ -185,19 +181,5 @@ def outliers(part: Residuals, model: Model, footprint: float) -> Iterator[Outlie
         if part.limit > 0.0:
             ratio = float(np.sqrt(part.statistic[i] / part.limit))
             allowed = f", {ratio:.1f} times what the other poses allow"
-        reason = bad_readings(part, model, i) or f"residual up to {largest:.3f} mm{allowed}"
+        reason = f"residual up to {largest:.3f} mm{allowed}"
         yield Outlier(pose=part.data.poses.names[i], reason=reason)
-
-
-def bad_readings(part: Residuals, model: Model, pose: int) -> str:
-    """Which readings spoil a pose where all others of it are right; empty where none does."""
-    names = part.channels.names(model.marker_names)
-    texts = []
-    for bad in part.false_readings(pose):
-        those = [names[j] for j in bad.readings]
-        more = f" and {len(those) - _MOST_NAMES} more" if len(those) > _MOST_NAMES else ""
-        texts.append(
-            f"{', '.join(those[:_MOST_NAMES])}{more} of {bad.instrument} off by {bad.off:.4g} "
-            f"{bad.unit}, the rest is right: a bad reading"
-        )
-    return "; ".join(texts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
@@ -29,8 +29,9 @@ from studies.results.base import (
     tuples,
 )
 from studies.results.estimate import Estimated, Lengths, Pixels, Residual, outliers
-from studies.results.noise import IdentifyNoise
-from studies.results.parts import ParameterStd
+from studies.results.expected import ExpectedErrors, UncertaintyBudget
+from studies.results.noise import Noise
+from studies.results.parts import Conditions, ParameterStd
 
 if TYPE_CHECKING:
     from calib import Cell, Identification, Measurements
@@ -38,11 +39,9 @@ if TYPE_CHECKING:
     from calib.identification import Residuals
     from calib.inference.widths import Widths
     from calib.instruments import Camera
-    from calib.prediction.budget import Budget, UncertaintySource
 
 _TOGETHER = 0.9  # correlation that is listed
 _LENS_IN_PX = 4  # values of a lens in pixels, the first
-Part = Literal["nominal", "fitted_all", "fitted", "heldout", "heldout_trimmed"]
 
 
 # -- parameters --------------------------------------------------------------------------------
@@ -146,8 +145,8 @@ class LensValue(Entry):
 
 def _lens_by_parameters(result: Identification, camera: Camera) -> Array:
     """Derivatives of a lens's values by the parameters, shape (n, p)."""
-    from calib.effects.base import Base
-    from calib.effects.lens import LensEffect
+    from calib.effects.camera import LensEffect
+    from calib.effects.tool_base import Base
 
     by = np.zeros((len(camera.lens.values), len(result.values)))
     for effect, part in result.model.parts:
@@ -188,37 +187,6 @@ class InstrumentErrors(ErrorFigures):
     unit: Unit
 
 
-class PairErrors(Entry):
-    """Errors of the distances between points of two poses, mm."""
-
-    rms: NotNegative
-    p95: NotNegative
-    max: NotNegative
-    pairs: Count
-
-    @classmethod
-    def each(cls, result: Identification) -> Iterator[tuple[Part, Self]]:
-        """By model; of trackers alone, since nothing else reads where a point is."""
-        from calib.identification.residuals import pair_errors
-        from calib.instruments import Tracker
-
-        if not all(isinstance(i, Tracker) for i in result.model.instruments):
-            return
-        fit, held = result.fit, result.heldout
-        nominal = result.model.predict(result.nominal, fit.data.poses)[..., :3]
-        parts: list[tuple[Part, Measurements, Array]] = [
-            ("nominal", fit.data, nominal),
-            ("fitted", fit.data, fit.data.points - fit.vectors[..., :3]),
-        ]
-        if held is not None:
-            parts.append(("heldout", held.data, held.data.points - held.vectors[..., :3]))
-        for key, data, predicted in parts:
-            errors = np.abs(pair_errors(data, predicted)) * MM
-            if len(errors):
-                p95, most = np.quantile(errors, (0.95, 1.0))
-                yield key, cls(rms=rms(errors), p95=p95, max=most, pairs=len(errors))
-
-
 class IdentifyResidual(Residual):
     """Measured minus predicted reading, by the identified and by the nominal model.
 
@@ -251,105 +219,7 @@ class PoseError(NamedTuple):
     heldout: bool
 
 
-# -- uncertainty -------------------------------------------------------------------------------
-
-
-class BudgetRow(Entry):
-    """One source at the targets, RMS over their points and over them.
-
-    standard_uncertainty : in ``unit``, None where the source has none of its own
-    sensitivity_mm : at the targets by one ``unit``
-    at_one_reading_mm : by one standard uncertainty; base_placed_anew_mm : at the targets, without what
-        moves them as one
-    share : of the variance in the total; degrees_of_freedom : None where it counts as known
-    """
-
-    source: str
-    evaluation: Literal["A", "B"]
-    part_of: Literal["calibration", "arm", "model"]
-    standard_uncertainty: Maybe
-    unit: str
-    sensitivity_mm: Maybe
-    degrees_of_freedom: Maybe
-    at_one_reading_mm: Maybe
-    at_targets_mm: NotNegative
-    base_placed_anew_mm: NotNegative
-    share: NotNegative
-
-    @classmethod
-    def of(cls, budget: Budget, part: UncertaintySource, total: float) -> Self:
-        """The row of a source; total : variance of all, mm^2."""
-        targets, anew = budget.rms(part.errors) * MM, budget.placed_anew(part) * MM
-        reading = None if part.at_reading is None else part.at_reading * MM
-        std = None if part.std is None else part.std * MM
-        return cls(
-            source=part.source,
-            evaluation=part.evaluation,
-            part_of=part.of,
-            standard_uncertainty=std,
-            unit="" if std is None else "mm",
-            sensitivity_mm=targets / std if std else None,
-            degrees_of_freedom=part.freedom,
-            at_one_reading_mm=reading,
-            at_targets_mm=targets,
-            base_placed_anew_mm=anew,
-            share=targets**2 / total if total else 0.0,
-        )
-
-
-class ExpandedUncertainty(Entry):
-    """A combined standard uncertainty, and the distance within which 95 % of errors stay.
-
-    Errors in space: the factor is Student's t where they lie along one line, less where not.
-    """
-
-    standard_uncertainty_mm: NotNegative
-    coverage_factor: Positive
-    expanded_mm: NotNegative
-    worst_expanded_mm: NotNegative
-    degrees_of_freedom: Maybe
-
-    @classmethod
-    def of(cls, budget: Budget, parts: Sequence[UncertaintySource]) -> Self:
-        """Several sources together."""
-        from calib.prediction.budget import combined
-
-        both = combined(parts, budget.weights)
-        u, most = budget.rms(both.errors), budget.rms(both.expanded)
-        return cls(
-            standard_uncertainty_mm=u * MM,
-            coverage_factor=most / u if u else 1.0,
-            expanded_mm=most * MM,
-            worst_expanded_mm=budget.worst(both.expanded) * MM,
-            degrees_of_freedom=both.freedom,
-        )
-
-
-class UncertaintyBudget(Entry):
-    """All sources; what the parameters' uncertainty leaves, and with what the arm itself adds."""
-
-    rows: tuple[BudgetRow, ...] = Field(min_length=1)
-    calibration: ExpandedUncertainty
-    total: ExpandedUncertainty
-    probability: Positive
-
-    @classmethod
-    def of(cls, budget: Budget) -> Self:
-        """The entry of a budget."""
-        from calib.inference.coverage import LEVEL
-
-        total = ExpandedUncertainty.of(budget, budget.parts)
-        square = total.standard_uncertainty_mm**2
-        return cls(
-            rows=tuple(BudgetRow.of(budget, part, square) for part in budget.parts),
-            calibration=ExpandedUncertainty.of(budget, budget.calibration),
-            total=total,
-            probability=LEVEL,
-        )
-
-    def part(self, name: str) -> float:
-        """What all rows of one part do at the targets, mm."""
-        return math.hypot(*(row.at_targets_mm for row in self.rows if row.part_of == name))
+# -- tolerance ---------------------------------------------------------------------------------
 
 
 class Acceptance(Entry):
@@ -420,19 +290,17 @@ class IdentifyResult(Result):
     """The identified parameters, how sure they are, and what they leave."""
 
     command: Literal["identify"] = "identify"
-    weighting: Literal["full", "normalised", "plain"] | None
-    length_mm: Maybe
-    holdout: str | None
+    weighting: Literal["full", "normalised", "plain"] | None = None
+    length_mm: Maybe = None
+    holdout: str | None = None
     status: Literal["converged", "not_converged", "rank_deficient"]
-    advice: str
     approach: Literal["points", "pose"]
     method: Literal["joint", "two-step"]
-    noise: IdentifyNoise
+    noise: Noise
     poses: Count
     points: Count
     rank: Count
     degrees_of_freedom: Count
-    iterations: Count
     parameters: tuple[Parameter, ...] = Field(min_length=1)
     weak: tuple[str, ...]
     unused_poses: tuple[str, ...]
@@ -445,8 +313,6 @@ class IdentifyResult(Result):
     max_mm: ErrorFigures
     p95_mm: ErrorFigures
     instruments: tuple[InstrumentErrors, ...]
-    pair_distances_mm: dict[Part, PairErrors]
-    rms_of_residuals_mm: NotNegative | None
     base: Placements
     markers_mm: dict[str, Three]
     bodies: dict[str, Placement]
@@ -454,12 +320,14 @@ class IdentifyResult(Result):
     residuals: tuple[IdentifyResidual, ...]
     task_rms_mm: Maybe
     task_worst_mm: Maybe
+    expected: ExpectedErrors
     targets: str
     budget: UncertaintyBudget
     acceptance: Acceptance | None
     drift_p: Maybe
     sizes: SizePrior | None
     lenses: tuple[LensValue, ...]
+    conditions: tuple[Conditions, ...]
     estimate: Estimated
 
     @classmethod
@@ -467,15 +335,17 @@ class IdentifyResult(Result):
         cls,
         result: Identification,
         cell: Cell,
-        whole: Measurements,
         made_from: Envelope,
+        *,
+        whole: Measurements | None = None,
+        warnings: Iterable[str] = (),
         **asked: Any,
     ) -> Self:
         """The result of an identification of a cell.
 
-        whole : all readings of the table; asked : weighting, length_mm, holdout, warnings
+        whole : all readings of the table, held-out ones too; asked : weighting, length_mm, holdout
+        warnings : of the data
         """
-        from calib.identification import ADVICE
         from calib.identification.drift import drift_p
         from calib.prediction.budget import accuracy_at_targets
         from calib.prediction.estimate import estimate_of
@@ -483,47 +353,30 @@ class IdentifyResult(Result):
         model, fit, held, noise = result.model, result.fit, result.heldout, result.noise
         estimate = estimate_of(result, cell.design.targets_after or 0.0)
         accuracy = accuracy_at_targets(cell, result, estimate)
-        tracked, again = model.tracked(whole), noise.replicate_factor
+        tracked = model.tracked(fit.data if whole is None else whole)
         bases = {where: Placement.of(placed) for where, placed in result.bases.items()}
         first = next(iter(result.bases.values()), np.zeros(6))
         read: list[int] = np.unique(model.readout.channels.marker).tolist()
-        return cls(
+        return cls.from_object(
+            result,
             **made_from,
             **asked,
-            status=result.status,
-            advice=ADVICE[result.status],
-            approach=result.approach,
-            method=result.method,
-            noise=IdentifyNoise.of(
-                noise,
-                result.levels,
-                result.scatter,
-                model,
-                result.footprint,
-                replicate_sigma_mm=again and again * noise.believed * result.footprint * MM,
-                lack_of_fit_p=noise.lack_of_fit_p,
-                degrees_of_freedom=noise.dof,
-            ),
+            warnings=(*warnings, *result.warnings),
+            noise=Noise.of(noise, result.levels, result.scatter, model, result.footprint),
             poses=len(fit.data),
             points=int(fit.data.seen.sum()),
-            rank=result.rank,
             degrees_of_freedom=result.dof,
-            iterations=result.iterations,
             parameters=Parameter.of(result),
-            weak=result.weak,
             unused_poses=(*result.unused, *result.waiting),
             before_the_first_move=result.waiting,
-            unidentifiable=tuple(
-                Unidentifiable(names=lost.names, reason=lost.reason)
-                for lost in result.unidentifiable
-            ),
+            unidentifiable=tuple(map(Unidentifiable.from_object, result.unidentifiable)),
             absorbed=tuple(
                 Redundant(id=lost.id, absorbed_by=tuple(name for name, _ in lost.absorbed_by))
                 for lost in result.absorbed
                 if lost.absorbed_by
             ),
-            outliers=tuple(outliers(fit, model, result.footprint)),
-            heldout_outliers=() if held is None else tuple(outliers(held, model, result.footprint)),
+            outliers=tuple(outliers(fit, result.footprint)),
+            heldout_outliers=() if held is None else tuple(outliers(held, result.footprint)),
             rms_mm=ErrorFigures.of(result, rms),
             max_mm=ErrorFigures.of(result, np.max),
             p95_mm=ErrorFigures.of(result, lambda d: float(np.quantile(d, 0.95))),
@@ -531,8 +384,6 @@ class IdentifyResult(Result):
                 InstrumentErrors.model_validate({"instrument": name, "unit": unit, **errors})
                 for (name, unit), errors in result.by_instrument.items()
             ),
-            pair_distances_mm=dict(PairErrors.each(result)),
-            rms_of_residuals_mm=rms(fit.lengths()) * MM if fit.channels.metric else None,
             base=Placements.of(first, stations=bases if len(bases) > 1 else {}),
             markers_mm={
                 model.marker_names[j]: tuples(result.marker_positions[j] * MM) for j in read
@@ -553,12 +404,19 @@ class IdentifyResult(Result):
             ),
             task_rms_mm=accuracy.rms(accuracy.expected.errors) * MM,
             task_worst_mm=accuracy.worst(accuracy.expected.errors) * MM,
+            expected=ExpectedErrors.at_targets(cell, estimate),
             targets=accuracy.source,
             budget=UncertaintyBudget.of(accuracy),
             acceptance=Acceptance.of(cell.tolerance, held) if cell.tolerance is not None else None,
             drift_p=None if tracked is None else drift_p(tracked[1]),
             sizes=None if result.sizes is None else SizePrior.of(result.sizes),
             lenses=tuple(LensValue.each(result)),
+            conditions=tuple(
+                row
+                for part in (fit, held)
+                if part is not None
+                for row in Conditions.each(model.robot, part.data, part is held)
+            ),
             estimate=Estimated.of(estimate),
         )
 
@@ -601,6 +459,10 @@ class IdentifyResult(Result):
             )
             for (pose, held), readings in rows.items()
         )
+
+    @property
+    def main_table(self) -> tuple[Parameter, ...]:
+        return self.parameters
 
     @property
     def nominal_heldout_mm(self) -> tuple[float, float, float] | None:

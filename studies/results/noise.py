@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from studies.results.base import (
     MICRO,
@@ -11,7 +11,6 @@ from studies.results.base import (
     Maybe,
     MaybePositive,
     NotNegative,
-    Number,
     Owner,
     Positive,
 )
@@ -43,6 +42,7 @@ class Noise(Entry):
     usual_mm : best and worst repeatability that data sheets state of arms of this size
     pixel_mm : of a pixel at the points read, where no reading is a length
     noise_scales : of several instruments those whose noise is other than the cell states
+    degrees_of_freedom : of what ``source`` names, None where the noise counts as known
     """
 
     sigma_mm: NotNegative
@@ -57,6 +57,7 @@ class Noise(Entry):
     usual_mm: tuple[NotNegative, NotNegative] | None
     pixel_mm: MaybePositive
     noise_scales: tuple[NoiseScale, ...]
+    degrees_of_freedom: Maybe
 
     @classmethod
     def of(
@@ -66,12 +67,10 @@ class Noise(Entry):
         scatter: Scatter | None,
         model: Model,
         footprint: float,
-        **more: Any,
     ) -> Self:
         """The noise of a fit.
 
         footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
-        more : further fields of the class
         """
         from calib.cell import Repeatability
         from calib.scatter import pose_to_pose
@@ -97,7 +96,7 @@ class Noise(Entry):
                 NoiseScale(instrument=name, times=scale * noise.factor)
                 for name, scale in model.noise_scales.items()
             ),
-            **more,
+            degrees_of_freedom=noise.dof,
         )
 
     @property
@@ -140,11 +139,3 @@ class Noise(Entry):
         """How many times the stated noise is exceeded, where it is by far."""
         factor = self.sigma_mm / self.believed_sigma_mm
         return factor if factor >= _LOUD else None
-
-
-class IdentifyNoise(Noise):
-    """The noise that standard deviations rest on, and what supports it."""
-
-    replicate_sigma_mm: NotNegative | None
-    lack_of_fit_p: Number
-    degrees_of_freedom: Maybe

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
-from studies.results.base import Entry, Maybe, Number
+import numpy as np
+
+from studies.results.base import Entry, Maybe, NotNegative, Number
 
 if TYPE_CHECKING:
     from calib.arm.robot import Robot
     from calib.arrays import Array
     from calib.effects.protocol import Parameter
+    from calib.poses import Measurements
 
 
 class JointValues(Entry):
@@ -25,6 +28,46 @@ class JointValues(Entry):
         """Joint with its unit -> value for a table."""
         turning = {f"{name} [deg]": f"{v:.2f}" for name, v in self.joints_deg.items()}
         return turning | {f"{name} [mm]": f"{v:.2f}" for name, v in self.joints_mm.items()}
+
+
+class Conditions(JointValues):
+    """Under which conditions a pose was read; heldout : whether it took no part in the fit."""
+
+    pose: str
+    heldout: bool
+    force_N: NotNegative
+    time_s: Maybe
+    temperature_degC: Maybe
+
+    @classmethod
+    def each(cls, robot: Robot, data: Measurements, heldout: bool) -> Iterator[Self]:
+        """Those of every pose of a table."""
+        poses, unknown = data.poses, [None] * len(data)
+        times = unknown if poses.time is None else poses.time.tolist()
+        heat = unknown if poses.temperature is None else poses.temperature.tolist()
+        force = np.linalg.norm(poses.wrench[:, :3], axis=-1).tolist()
+        for pose, q, f, t, T in zip(poses.names, poses.q, force, times, heat, strict=True):
+            values = joint_values(robot, q)
+            yield cls(**values, pose=pose, heldout=heldout, force_N=f, time_s=t, temperature_degC=T)
+
+    @property
+    def variables(self) -> dict[str, float]:
+        """What an error may depend on, by its label with its unit."""
+        hours = None if self.time_s is None else self.time_s / 3600.0
+        found = {f"{joint} [deg]": value for joint, value in self.joints_deg.items()}
+        found |= {f"{joint} [mm]": value for joint, value in self.joints_mm.items()}
+        found |= {"force on the tool [N]": self.force_N}
+        more = {"time [h]": hours, "temperature [degC]": self.temperature_degC}
+        return found | {label: value for label, value in more.items() if value is not None}
+
+
+def joint_array(robot: Robot, rows: Sequence[JointValues]) -> Array | None:
+    """Joint values of poses, shape (m, n), rad or m; None where they are of other joints."""
+    values = [{**row.joints_deg, **row.joints_mm} for row in rows]
+    if not values or any(set(row) != set(robot.joints) for row in values):
+        return None
+    scale = np.where(robot.prismatic, 1e-3, np.pi / 180.0)
+    return np.array([[row[joint] for joint in robot.joints] for row in values]) * scale
 
 
 def joint_values(robot: Robot, q: Array, prefix: str = "") -> dict[str, Any]:

@@ -24,20 +24,12 @@ from studies.results.base import (
 from studies.results.identify import Unidentifiable
 
 if TYPE_CHECKING:
+    from calib import Cell
     from calib.diagnosis.candidates import Candidate
     from doe.forecast.foresee import Detectability, PowerAnalysis
 
 _INVISIBLE = 1e3  # times the usual size: rounding shows it, not these poses
 Probability = Annotated[float, Field(gt=0, lt=1)]
-
-
-class DetectableSize(Entry):
-    """A parameter taken alone, with the part of its signal that is left beside the model."""
-
-    name: str
-    minimum_detectable: Maybe
-    unit: str
-    left: Number
 
 
 class SeenCause(DetectionLimit):
@@ -50,7 +42,6 @@ class SeenCause(DetectionLimit):
     plausible: Positive
     rms_um: Maybe
     reason: str | None
-    parameters: tuple[DetectableSize, ...] = Field(min_length=1)
 
     @classmethod
     def of(cls, cause: Detectability) -> Self:
@@ -65,10 +56,6 @@ class SeenCause(DetectionLimit):
             plausible=main.size / main.scale,
             rms_um=cause.moved[cause.lead] * MICRO,
             reason=cause.reason or None,
-            parameters=tuple(
-                DetectableSize(name=p.name, minimum_detectable=s / p.scale, unit=p.unit, left=left)
-                for p, s, left in zip(cause.parameters, smallest, cause.share, strict=True)
-            ),
         )
 
     @property
@@ -157,8 +144,8 @@ class PlanResult(Result):
     not_asked: tuple[NotAsked, ...]
 
     @classmethod
-    def of(cls, found: PowerAnalysis, made_from: Envelope) -> Self:
-        """A power analysis."""
+    def of(cls, found: PowerAnalysis, cell: Cell, made_from: Envelope) -> Self:  # noqa: ARG003
+        """A power analysis in a cell."""
         from calib.diagnosis.detection_limit import ALPHA, POWER
         from calib.effects.protocol import LoadEffect
         from doe.forecast.likeness import SURE
@@ -179,15 +166,11 @@ class PlanResult(Result):
             sure=SURE,
             approach_derived=poses.approach_derived,
             elastic_assumed=found.assumed and through,
-            unidentifiable=tuple(
-                Unidentifiable(names=o.names, reason=o.reason) for o in found.lost
-            ),
+            unidentifiable=tuple(map(Unidentifiable.from_object, found.lost)),
             could_not_see=tuple(map(SeenCause.of, found.causes)),
             look_alikes=tuple(LookAlike.each(found)),
             twins=tuple(EquivalentCauses.of(seen[i] for i in group) for group in found.confounded),
-            not_asked=tuple(
-                NotAsked(effect=own.effect, reason=own.reason) for own in found.missing
-            ),
+            not_asked=tuple(map(NotAsked.from_object, found.missing)),
         )
 
     @property

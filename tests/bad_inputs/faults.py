@@ -69,7 +69,6 @@ MEASUREMENTS = _in(
         "an approach that is no sign": lambda t: field(4, "approach_A2", "2")(_all_approaches(t)),
         "a point without unit": header("x_mm", "x"),
         "a point's column is missing": without("z_mm"),
-        "a wrench without unit": header("fz_N", "fz"),
         "temperature in another unit": column("temperature_K", "293"),
         "a column twice": header("fx_N", "fy_N"),
         "no column of poses": header("pose", "point"),
@@ -79,27 +78,20 @@ MEASUREMENTS = _in(
         "an empty field": field(5, "x_mm", ""),
         "NaN": field(7, "A2_deg", "nan"),
         "a point beyond the horizon": field(4, "x_mm", "1e9"),
-        "an angle of 1e300 degrees": field(4, "A1_deg", "1e300"),
         "a row twice": lambda t: t + t.split("\n")[1] + "\n",
         "a marker that the cell does not have": field(3, "marker", "m9"),
         "a marker never measured": no_rows_with(",m3,"),
         "two joint values in one pose": field(3, "A1_deg", "1.0"),
-        "two temperatures in one pose": lambda t: field(3, "temperature_degC", "21")(
-            column("temperature_degC", "20")(t)
-        ),
         "a pose without a name": field(3, "pose", ""),
         "a name with an escape sequence": field(3, "pose", "p\x1b[2J"),
-        "a name of a thousand characters": field(3, "pose", "p" * 1000),
         "a standard deviation of zero": column("sigma_mm", "0"),
         "a standard deviation in pixels of a point": column("sigma_px", "0.3"),
-        "a station without a name": column("station", ""),
         "fields missing in a row": line(4, lambda r: r.rsplit(",", 1)[0]),
         "too few poses": lines(10),
         "an empty file": whole(""),
         "only a header": lines(1),
         "an open quote": line(4, lambda r: '"' + r),
         "a table of 5000 columns": whole("pose," + ",".join(map(str, range(5000)))),
-        "a binary file": whole("\0\1\2garbage"),
         "a JSON in place of the table": whole('{"a": 1}\n'),
         "milliseconds since 1970": column("time_s", "1763819384123"),
         "counts of an encoder": field(4, "A1_deg", "1000000"),
@@ -132,7 +124,6 @@ CELL = _in(
     _IDENTIFY,
     {
         "an empty cell": whole(""),
-        "a sigma of 1e-300": swap("0.010", "1e-300"),
         "a number in quotes": swap("0.010", '"0.01"'),
         "a maximum permissible error without divisor": swap("0.010", "{ mpe_mm = 0.03 }"),
         "a unit misspelt": swap("sigma_mm", "sigma_m"),
@@ -140,18 +131,13 @@ CELL = _in(
             "[instrument]", "[instrument]\ncommon.scale_um_m = 0.3"
         ),
         "a tolerance of nothing": added("\n[acceptance]\ntolerance_mm = 0\n"),
-        "a tolerance in micrometres": added("\n[acceptance]\ntolerance_um = 50\n"),
         "a decision rule": added('\n[acceptance]\ntolerance_mm = 0.1\nrule = "guarded"\n'),
         "a table in what the report tells": added("\n[report]\nserial = { number = 3 }\n"),
-        "a bell in what the report tells": added('\n[report]\nserial = "\\u0007"\n'),
-        "a table misspelt": swap("[instrument]", "[instrumental]"),
-        "a table in place of a number": swap("mass_kg = 250.0", "mass_kg = { kg = 250 }"),
         "no instrument": lambda t: t.replace("[instrument]\nsigma_mm = 0.010", "[payload]\n"),
         "no markers": lambda t: "\n".join(
             r for r in t.split("\n") if r[:4] not in ("m1 =", "m2 =", "m3 =")
         ),
         "a marker of two numbers": swap("[279.2, -16.4, -91.9]", "[279.2, -16.4]"),
-        "a marker beyond reason": swap("[279.2, -16.4, -91.9]", "[1e300, 0, 0]"),
         "a marker named with a bell": swap("m1 =", '"m\\u0007" ='),
         "a normal without length": swap(
             "[279.2, -16.4, -91.9]", "{ position = [1, 2, 3], normal = [0, 0, 0] }"
@@ -166,25 +152,18 @@ CELL = _in(
         "an acceptance of 400 degrees": swap(
             "[279.2, -16.4, -91.9]", "{ position = [1, 2, 3], acceptance_deg = 400 }"
         ),
-        "limits reversed": swap("[-140.0, -0.01]", "[0.0, -140.0]"),
         "limits of no joint": swap("A2 = [-140.0, -0.01]", "B2 = [-1, 1]"),
         "limits outside the URDF's": swap("[-140.0, -0.01]", "[10, 20]"),
         "millimetres for a joint that turns": swap("[robot.limits_deg]", "[robot.limits_mm]"),
-        "a negative load": swap("250.0", "-250.0"),
         "a load of three tonnes": swap("mass_kg = 250.0", "mass_kg = 3000.0"),
         "the load as payload as well": added(
             "\n[payload]\nmass_kg = 250.0\ncom_mm = [300, 0, 150]\n"
         ),
         "gravity in centimetres": added("\n[gravity]\nm_s2 = [0, 0, -980.665]\n"),
-        "gravity in millimetres": added("\n[gravity]\nm_s2 = [0, 0, -9806.65]\n"),
-        "gravity in feet": added("\n[gravity]\nm_s2 = [0, 0, -32.17]\n"),
         "a result in place of the cell": whole('{"a": 1}\n'),
         "base and markers taken as known": effects("geometry"),
         "the payload in the wrench as well": lambda t: t.replace("[load]", "[payload]").replace(
             "max_tilt", "# max_tilt"
-        ),
-        "a load that may tilt by 120 degrees": swap(
-            "mass_kg = 250.0", "mass_kg = 250.0\nmax_tilt_deg = 120"
         ),
         "another schema": swap("schema = 1", "schema = 2"),
         "knots of no joint": swap("A2 = [-140.0, -99.85", "B2 = [-140.0, -99.85"),
@@ -192,10 +171,7 @@ CELL = _in(
         "both count and values of levels": swap(
             "poses_per_level = 3 }", "poses_per_level = 3, count = 5 }"
         ),
-        "no pose at a level": swap("poses_per_level = 3 }", "poses_per_level = 0 }"),
         "an obstacle of no known shape": added('\n[[design.obstacle]]\ntype = "cone"\n'),
-        "a floor in words": swap("levels = {", 'floor_mm = "low"\nlevels = {'),
-        "a floor that is merely there": swap("levels = {", "floor_mm = true\nlevels = {"),
         "a floor that is switched off": swap("levels = {", "floor_mm = false\nlevels = {"),
         "a key that was struck": swap("[instrument]", "[instrument]\nkeep_sight = true"),
         "a speed in another unit": added("\n[robot.speed_mm_s]\nA1 = 105\n"),
@@ -208,21 +184,16 @@ CELL = _in(
             "[model]", "[model]\nsize_prior = { geometry_deg = 3 }"
         ),
         "a prior from other robots": added('\n[model.prior]\nfile = "type.json"\n'),
-        "an effect twice": effects("joint_compliance:A2,A2"),
         "a group with a place": effects("base:A2", "tool"),
         "an effect of the base at a joint": effects("base", "base_compliance:A2"),
-        "a link that the tip alone ends": effects("base", "thermal_expansion:A4"),
         "temperature not measured": effects("base", "thermal_expansion:arm"),
         "torques not measured": effects("base", "measured_torque:A2"),
-        "a gear ratio of no joint": added("\n[robot.gear_ratio]\nB7 = 120\n"),
         "an error of the load of a rigid arm": effects("base", "payload"),
         "a scale beside free lengths": effects("base", "tool", "geometry", "tracker_scale"),
         "an off-diagonal compliance": effects("joint_compliance:A2*A3"),
         "an off-diagonal compliance by name": effects("cross_compliance"),
         "a URDF that is not there": swap("kr270.urdf", "other.urdf"),
-        "a folder for the URDF": swap('"kr270.urdf"', '"."'),
         "a device for the URDF": swap('"kr270.urdf"', '"/dev/zero"'),
-        "a name with a NUL": swap("kr270.urdf", "kr\\u0000270.urdf"),
         "no such link": swap('tip = "tool0"', 'tip = "tool1"'),
         "the base beyond the tip": swap('base = "base_link"', 'base = "link_6"\n#'),
         "brackets by the thousand": added("\nx = " + "[" * 3000),
@@ -252,21 +223,16 @@ URDF = _in(
         "not XML": swap("</robot>", "</robo>"),
         "an entity bomb": whole(_BOMB),
         "a model of another kind": whole("<mujoco/>"),
-        "an unknown encoding": whole('<?xml version="1.0" encoding="ebcdic-9"?><robot/>'),
         "elements nested by the hundred": whole(
             "<robot>" + "<a>" * 300 + "</a>" * 300 + "</robot>"
         ),
-        "a word in place of a number": swap("0.35 0 0", "0.35 zero 0"),
         "NaN in an origin": swap("0.35 0 0", "0.35 nan 0"),
         "an origin beyond reason": swap("0.35 0 0", "1e300 0 0"),
         "a link in millimetres": swap("0.35 0 0", "350 0 0"),
-        "an axis without length": swap('xyz="0 0 -1"', 'xyz="0 0 0"'),
         "a joint that is not supported": swap('type="revolute"', 'type="planar"'),
-        "a joint without a name": swap('<joint name="A1"', "<joint"),
         "a joint twice": swap('<joint name="A2"', '<joint name="A1"'),
         "a joint that mimics none": swap(_A2, _A2 + '<mimic joint="B1"/>'),
         "a joint that mimics itself": swap(_A2, _A2 + '<mimic joint="A2"/>'),
-        "limits of a joint reversed": swap('lower="-2.548181"', 'lower="2.5"'),
         "a negative mass": swap('value="232"', 'value="-232"'),
         "a closed loop": swap("</robot>", _joint("bar", "fixed", "base_link", "link_3")),
         "a chain interrupted": swap('<child link="link_4"/>', '<child link="link_9"/>'),
@@ -290,11 +256,8 @@ OTHERS = [
           whole("A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg\n0,90,90,0,45,0\n")),
     Fault("a command that is not there", "identfy cell.toml measurements.csv"),
     Fault("data forgotten", "identify cell.toml"),
-    Fault("an option that is not there", _IDENTIFY + " --hold-out 0.3"),
-    Fault("an option without its value", _IDENTIFY + " --json"),
     Fault("a cell that is not there", "identify nowhere.toml measurements.csv"),
     Fault("data that are not there", "identify cell.toml nowhere.csv"),
-    Fault("a folder for the data", "identify cell.toml ."),
     Fault("a device for the data", "identify cell.toml /dev/null"),
     Fault("an unknown approach", _IDENTIFY + " --approach poses"),
     Fault("a hold-out of 150 %", _IDENTIFY + " --holdout 1.5"),
@@ -304,25 +267,13 @@ OTHERS = [
     Fault("the result over the data", _IDENTIFY + " --json measurements.csv"),
     Fault("two results in one file", _IDENTIFY + " --json x --urdf x"),
     Fault("the result into a missing folder", _IDENTIFY + " --json no/folder/result.json"),
-    Fault("the result in place of a folder", _IDENTIFY + " --json figures"),
     Fault("figures in place of a file", _IDENTIFY + " --figures plan.csv"),
     Fault("the result onto a full device", _IDENTIFY + " --json /dev/full"),
     Fault("a plan twice", "compare cell.toml plan.csv plan.csv"),
-    Fault("a negative number of experiments", "compare cell.toml plan.csv --monte-carlo -1"),
     Fault("levels not understood", "design cell.toml --levels A2=5"),
-    Fault("levels of no joint", "design cell.toml --levels B2=5x3"),
-    Fault("a level outside the limits", "design cell.toml --levels A2=-140,-57,10x3"),
     Fault("levels and poses that contradict", "design cell.toml --levels A2=5x3 --poses 16"),
-    Fault("more levels than poses", "design cell.toml --levels A2=5x3 --poses 4"),
-    Fault("too many levels", "design cell.toml --levels A2=999x1"),
-    Fault("an unknown criterion", "design cell.toml --criterion F"),
-    Fault("candidates that are no count", "design cell.toml --candidates -5"),
     Fault("too few candidates", "design cell.toml --candidates 3"),
-    Fault("candidates beyond the memory", "design cell.toml --candidates 1e11"),
-    Fault("a table of candidates that is not there", "design cell.toml --candidates pool.csv"),
     Fault("more poses than candidates", "design cell.toml --candidates 500 --levels A2=2x400"),
-    Fault("a million million poses, repeated",
-          "design cell.toml --levels A2=5x1000000000000 --candidates 500 --repeats"),
     Fault("one rival alone", "design cell.toml --discriminate joint_compliance:A2"),
     Fault("a rival misspelt", "design cell.toml --discriminate joint_complience:A1,backlash:A3"),
     Fault("a rival that the model contains",
@@ -337,8 +288,6 @@ OTHERS = [
     Fault("the plan over the cell", "design cell.toml -o cell.toml"),
     Fault("a hold-out for a plan", "diagnose cell.toml plan.csv --plan-only --holdout 0.3"),
     Fault("a better cell over the URDF", f"{_DIAGNOSE} --cell-out kr270.urdf"),
-    Fault("a factor of zero", "design cell.toml --criterion c --of joint_compliance:A6=0"),
-    Fault("a plan without poses", "compare cell.toml plan.csv", "plan.csv", lines(1)),
     Fault("measurements without points diagnosed", "diagnose cell.toml plan.csv"),
     Fault("the demonstration over edited files", "demo .", "cell.toml", added("# mine\n")),
     Fault("the demonstration in place of a file", "demo plan.csv"),
@@ -375,17 +324,13 @@ RESULTS = [
           swap('"estimate"', '"was"')),
     Fault("compensation of targets outside the limits", _COMPENSATE, "aims.csv",
           swap("-140", "-175")),
-    Fault("compensation over the targets", f"{_COMPENSATE} -o aims.csv"),
     Fault("a report of no result", "report cell.toml"),
     Fault("a report of a result without residuals", "report result.json", "result.json",
           swap('"residuals"', '"rest"')),
     Fault("a report of a command that has none", "report result.json", "result.json",
           swap('"identify"', '"predict"')),
     Fault("a report of nothing", "report"),
-    Fault("a report over its result", "report result.json -o result.json"),
     Fault("a goal below zero", "enough cell.toml measurements.csv --plan plan.csv --goal-mm -1"),
-    Fault("what is enough over the measurements",
-          "enough cell.toml measurements.csv --json measurements.csv"),
     Fault("no plan to go on with", "enough cell.toml measurements.csv --plan none.csv"),
     Fault("half a plan without measurements", "enough cell.toml plan.csv --plan plan.csv"),
 ]  # fmt: skip
@@ -403,19 +348,12 @@ CHANGES = [
     Fault("changes on another nominal model", _CHANGES, "kr270.urdf", _OTHER),
     Fault("changes in a cell that changed", _CHANGES, "cell.toml", added("# moved")),
     Fault("changes in a cell that is none", f"{_CHANGES} --cell plan.csv"),
-    Fault("changes over their results", f"{_CHANGES} --json result.json"),
 ]  # fmt: skip
 
 _DH = """joint,alpha_deg,a_mm,theta_deg,d_mm
 A1,180,0,0,-645
 A2,90,330,0,0
 A3,0,1150,-90,0
-"""
-_CONF = """[mounting]
-delta_theta = [0, 0, 0, 0, 0, 0]
-delta_a = [0, 0, 0, 0, 0, 0]
-delta_d = [0, 0, 0, 0, 0, 0]
-delta_alpha = [0, 0, 0, 0, 0]
 """
 _XACRO = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>'
 _INIT = "init arm.csv -o new"
@@ -433,7 +371,6 @@ ROBOTS = [
         _INIT + " --dh classic",
         {
             "a DH column without unit": _dh("a_mm", "a"),
-            "a DH column missing": _dh(",d_mm", ",e_mm"),
             "a DH column in two units": _dh("d_mm", "d_mm,d_m"),
             "radians under the name of degrees": _dh("A2,90", "A2,1.5707963"),
             "degrees under the name of radians": _dh("alpha_deg", "alpha_rad"),
@@ -442,8 +379,6 @@ ROBOTS = [
             "a DH joint of no kind": lambda _: _DH.replace("joint,", "joint,kind,").replace(
                 "A1,", "A1,R,"
             ).replace("A2,", "A2,revolute,").replace("A3,", "A3,revolute,"),
-            "a DH table without rows": _dh(_DH.split("\n", 1)[1], ""),
-            "a word in a DH table": _dh("1150", "long"),
         },
     ),
     Fault("a URDF taken for a DH table", "init kr270.urdf -o new --dh classic"),
@@ -455,18 +390,10 @@ ROBOTS = [
     Fault("a page in place of a robot", "init arm.html -o new", "arm.html", whole("<html/>")),
     Fault("a robot that does not move", "init arm.urdf -o new", "arm.urdf",
           whole("<robot name='arm'><link name='a'/></robot>")),
-    Fault("a controller's calibration", "init calibration.conf -o new", "calibration.conf",
-          whole(_CONF)),
     Fault("DH without its convention", _IDENTIFY, "cell.toml", _DH_CELL),
     Fault("two files of one robot", _IDENTIFY, "cell.toml",
           swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nmjcf = "arm.xml"')),
     Fault("a URDF without base", _IDENTIFY, "cell.toml", swap('base = "base_link"', "")),
-    Fault("a maker's YAML", "init ur.yaml -o new", "ur.yaml", whole("a: 1\n")),
-    Fault("a maker's YAML in a cell", _IDENTIFY, "cell.toml",
-          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nkinematics = "ur.yaml"')),
-    Fault("counts of a joint that is not there",
-          _IDENTIFY + " --zero-offsets out.csv --counts-per-deg J1=100"),
-    Fault("counts that are no number", _IDENTIFY + " --zero-offsets out.csv --counts-per-deg A1"),
 ]  # fmt: skip
 
 CAMERAS = [
@@ -475,13 +402,13 @@ CAMERAS = [
     Fault("a camera without its focal length", _IDENTIFY, "cell.toml",
           _seen("focal_px = 1200\n", "")),
     Fault("a board of two shapes", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]\ntag_mm = 40\ngap_mm = 12")),
-    Fault("tags without their size", _IDENTIFY, "cell.toml",
-          _seen("squares = [9, 6]\npitch_mm = 30", "tags = [5, 4]")),
+          _seen("pitch_mm = 30", "pitch_mm = 30\npoints_mm = { p = [0, 0, 0] }")),
+    Fault("a board of tags", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]")),
     Fault("markers larger than their squares", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", 'pitch_mm = 30\nmarker_mm = 40\ndictionary = "5x5_100"')),
-    Fault("markers of no dictionary", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 22")),
+          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 40")),
+    Fault("a dictionary of markers", _IDENTIFY, "cell.toml",
+          _seen("pitch_mm = 30", 'pitch_mm = 30\ndictionary = "5x5_100"')),
 ]  # fmt: skip
 
 
@@ -496,12 +423,8 @@ TOUCHED = [
           _touched("plane")),
     Fault("a plane without its normal", "design cell.toml", "cell.toml",
           _touched("plane", "position_mm = [1700, 0, 700]")),
-    Fault("a plane with a normal of no length", "design cell.toml", "cell.toml",
-          _touched("plane", "position_mm = [1700, 0, 700]", "normal = [0, 0, 0]")),
     Fault("the reach of a bar of no anchor", "design cell.toml", "cell.toml",
           _touched("distance", "reach_mm = [300, 900]")),
-    Fault("a reach that ends before it begins", "design cell.toml", "cell.toml",
-          _touched("distance", "anchor_mm = [1700, 0, 300]", "reach_mm = [900, 300]")),
     Fault("a plan that does not touch", "compare cell.toml plan.csv --monte-carlo 0", "cell.toml",
           _touched("plane", "position_mm = [1700, 0, 700]", "normal = [0, 0, 1]")),
 ]  # fmt: skip

@@ -9,8 +9,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant, Subset
-from doe.criteria.eigenvalue import SmallestEigenvalue
-from doe.criteria.smallest import Rivals, WorstTask
+from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstTask
 from doe.criteria.trace import Average, Combination, Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack

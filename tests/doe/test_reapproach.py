@@ -24,9 +24,8 @@ from calib.poses import poses_at
 from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.assess import assess
-from doe.order import durations, quickest_order
+from doe.order import durations, over_the_day, quickest_order, with_reapproaches
 from doe.plan import named
-from doe.repeats import over_the_day, with_reapproaches
 from doe.request import request_of
 from studies.results.design import DesignResult
 from tests.doe.plans import unpolished, visiting_again
@@ -182,7 +181,7 @@ def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
         with_reapproaches(plain.problem, plain.poses, 9)
     with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
         unpolished(visiting_again(cell, -1), poses=7, **QUICK)
-    assert DesignResult.of(plain, MADE_FROM).reapproaches is None
+    assert DesignResult.of(plain, plain.problem.cell, MADE_FROM).reapproaches is None
 
 
 # -- second visits by default -----------------------------------------------------------------

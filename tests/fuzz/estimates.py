@@ -28,7 +28,7 @@ def estimate(folder: Path, content: bytes) -> object:
     """What ``posecal compensate`` does with a result."""
     known = load_estimate(CELL, put(folder, "result.json", content))
     found = calib.compensate(CELL, known, POSES)
-    return CompensateResult.of(CELL, found, envelope(CELL.name, [])).dumps()
+    return CompensateResult.of(found, CELL, envelope(CELL.name, [])).to_json()
 
 
 def _result(command: str, effects: tuple[str, ...]) -> str:

@@ -21,11 +21,12 @@ from doe.levels import levels_of, parse_levels
 from doe.parameters import interest_of, with_rivals
 from doe.request import Request
 from studies.command.design import candidates_of, two_effects
-from studies.command.session import held_out
+from studies.command.session import read_session
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
 from tests.fuzz.estimates import ESTIMATES, estimate
 from tests.fuzz.mjcf import MJCF, mjcf
 from tests.fuzz.reader import PART, Reader, parts, put
+from tests.fuzz.small_cell import URDF
 
 CELL = embedded_cell()
 DATA = simulated(CELL, embedded_plan(CELL), 0)[0]
@@ -38,7 +39,8 @@ def cell(folder: Path, content: bytes) -> object:
 
 def urdf(folder: Path, content: bytes) -> object:
     path = put(folder, "arm.urdf", content)
-    robot = load_urdf(path, "base_link", "tool0")
+    ends = ("base_link", "tool0") if b"base_link" in content else ("base", "tip")
+    robot = load_urdf(path, *ends)
     return corrected_urdf(path, robot, np.zeros((robot.dof + 2, 6)), {"m1": np.zeros(3)})
 
 
@@ -48,7 +50,7 @@ def measurements(folder: Path, content: bytes) -> object:
 
 def holdout(folder: Path, content: bytes) -> object:
     path = put(folder, "held.csv", content)
-    return held_out(CELL, DATA, str(path), 0, folder / "data.csv")
+    return read_session(CELL, folder / "data.csv", str(path), 0)
 
 
 def plan(folder: Path, content: bytes) -> object:
@@ -71,7 +73,7 @@ def options(folder: Path, content: bytes) -> object:
     if option == "candidates":
         return candidates_of(text)
     if option == "holdout":
-        return held_out(CELL, DATA, text, 0, folder / "data.csv")
+        return read_session(CELL, folder / "data.csv", text, 0)
     if option == "effect":
         return build(replace(CELL, effects=(text,)), DATA.poses), parse_effect(text)
     of = tuple(name.strip() for name in text.split(","))
@@ -150,24 +152,6 @@ effects = ["base", "tool", "geometry", "stiffness_vs_angle:A2", "joint_complianc
 knots_deg = { A2 = [-140.0, -56.9, -0.01] }
 """
 
-SLIDING_ARM = """\
-<?xml version="1.0" encoding="utf-8"?>
-<robot name="arm">
-  <link name="base_link"/>
-  <link name="slide"><inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="3"/></inertial></link>
-  <link name="tool0"/>
-  <link name="bracket"><inertial><mass value="1e0"/></inertial></link>
-  <joint name="X1" type="prismatic">
-    <parent link="base_link"/><child link="slide"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" effort="0" velocity="1"/>
-  </joint>
-  <joint name="A2" type="continuous">
-    <origin xyz="0 0 1"/><parent link="slide"/><child link="tool0"/><axis xyz="0 1 0"/>
-  </joint>
-  <joint name="hook" type="fixed"><parent link="slide"/><child link="bracket"/></joint>
-</robot>
-"""
-
 
 def _table(columns: str, *rows: str) -> str:
     return "\n".join([columns, *rows, ""])
@@ -215,7 +199,7 @@ _MANY = measurements_csv(CELL, DATA)
 
 READERS: dict[str, Reader] = {
     "cell": Reader(cell, (EVERY_KEY, embedded_text("cell.toml"))),
-    "urdf": Reader(urdf, (embedded_text("kr270.urdf"), SLIDING_ARM)),
+    "urdf": Reader(urdf, (embedded_text("kr270.urdf"), URDF)),
     "measurements": Reader(measurements, (_FEW, _SESSION)),
     "holdout": Reader(holdout, (_FEW, _SESSION)),
     "plan": Reader(plan, _PLANS),

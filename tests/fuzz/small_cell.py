@@ -41,7 +41,7 @@ targets = "targets.csv"
 [model]
 effects = ["base", "tool", "joint_offset"]
 """
-_URDF = """\
+URDF = """\
 <robot name="arm"><link name="base"/><link name="slide"/><link name="tip"/>
 <joint name="X1" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
 <limit lower="-1" upper="1" effort="0" velocity="1"/></joint>
@@ -72,7 +72,7 @@ def _made() -> tuple[dict[str, str], dict[str, Any]]:
         folder = Path(name)
         texts = {
             "cell.toml": _CELL,
-            "arm.urdf": _URDF,
+            "arm.urdf": URDF,
             "plan.csv": _table(_PLACES),
             "targets.csv": _table(_PLACES[:2]),
         }

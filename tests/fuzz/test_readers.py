@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.check import broken_rule, prepared
-from tests.fuzz.reader import neighbour
+from tests.fuzz.reader import broken_rule, neighbour, prepared
 from tests.fuzz.readers import READERS
 
 pytestmark = pytest.mark.long

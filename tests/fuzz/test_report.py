@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from studies.page import report_page
+from studies.report import Reported, page_of
 from tests.fuzz.report import check_harmless
 from tests.fuzz.small_cell import put_small_cell, small_results
 
@@ -32,7 +32,7 @@ def test_texts_of_results_do_nothing_in_a_page(tmp_path: Path) -> None:
     for name in ("identified", "diagnosed", "designed", "compensated"):
         paths.append(tmp_path / f"{name}.json")
         paths[-1].write_text(json.dumps(_hostile(small_results()[name])))
-    html, _ = report_page(paths, None, {})
+    html = page_of([Reported.read(path) for path in paths], None, {}).html
     assert "alert(1)" in html
     check_harmless(html)
 

@@ -16,10 +16,10 @@ import calib
 from studies import figures
 from studies.figures.parameters import ellipse
 from studies.figures.style import log_axis, panels, styled, svg
-from studies.page import _evidence, _reported, _variables
 from studies.research.picture import picture
 from studies.results.diagnose import DiagnoseResult
 from studies.results.identify import IdentifyResult
+from studies.results.parts import joint_array
 from studies.results.read import read_as
 from tests.studies.drawn_words import collisions
 from tests.two_arms import EYE, PLATE, in_view, written
@@ -33,18 +33,21 @@ def identified(demo_folder: Path) -> IdentifyResult:
 @pytest.fixture(scope="module")
 def drawn(demo_folder: Path, identified: IdentifyResult) -> dict[str, Figure]:
     """Every figure of the demonstration's identification and diagnosis, by name."""
-    evidence = _evidence(_reported(demo_folder / "identify.json"))
+    cell = calib.load_cell(demo_folder / "cell.toml")
+    q = joint_array(cell.robot, identified.conditions)
     diagnosed = read_as(demo_folder / "diagnose.json", DiagnoseResult)
-    assert evidence.cell is not None
-    assert evidence.q is not None
+    assert q is not None
     found = {
-        "arm": figures.arm(evidence.cell, evidence.q),
+        "arm": figures.arm(cell, q),
         "errors_by_pose": figures.errors_by_pose(identified),
-        "errors_against": figures.errors_against(identified, _variables(evidence) or {}),
+        "errors_against": figures.errors_against(identified),
         "deviations": figures.deviations(identified),
         "causes": figures.causes(diagnosed),
         "readme": picture(demo_folder),
-        **{c.name: figures.located_curve(diagnosed, c) for c in diagnosed.curves},
+        **{
+            f"{c.where} {c.depends_on}": figures.located_curve(diagnosed, c)
+            for c in diagnosed.curves
+        },
     }
     return {name: figure for name, figure in found.items() if figure is not None}
 

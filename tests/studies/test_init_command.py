@@ -123,7 +123,7 @@ def test_a_repeatability_is_assumed(tmp_path: Path) -> None:
             "cart>torso:c:fixed cart>wheel:w:continuous",
             "torso",
             "tool0",
-            "2 joints from torso to tool0: a, b; held at zero: w, h",
+            "2 joints from torso to tool0: a, b; held at zero: h, w",
         ),
         (
             "base_link>lift:t:prismatic lift>h1:h:revolute h1>h2:i:revolute lift>l1:a:revolute "
@@ -131,7 +131,7 @@ def test_a_repeatability_is_assumed(tmp_path: Path) -> None:
             "tool>f2:g:prismatic base_link>wheel:w:continuous",
             "base_link",
             "tool",
-            "4 joints from base_link to tool: t, a, b, c; held at zero: w, h, i, f, g",
+            "4 joints from base_link to tool: t, a, b, c; held at zero: h, i, f, g, w",
         ),
         (
             "torso>l1:a:revolute l1>l2:b:revolute torso>r1:c:revolute r1>r2:d:revolute",

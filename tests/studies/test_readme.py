@@ -43,8 +43,10 @@ def blocks(*words: str) -> list[str]:
 def test_python_example(beside_the_demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = blocks("load_cell")
     exec(compile(block, "README.md", "exec"), {})
-    *result, design = capsys.readouterr().out.splitlines()
-    assert result[0].startswith("Identification: 42 of 42 parameters")
+    value, *result, design = capsys.readouterr().out.splitlines()
+    assert value.startswith("EstimatedValue(value=-0.0002")
+    assert result[0].startswith("kr270 milling cell: The error at held-out poses fell from")
+    assert (beside_the_demo / "page.html").stat().st_size > 1e5
     efficiency, _, shape = design.partition(" ")
     assert 0.9 < float(efficiency) <= 1.0
     assert shape == "(15, 6)"

@@ -276,8 +276,8 @@ def _said(kind: str, day: Day, rng: np.random.Generator) -> list[Said]:
         reached = enough(cell, data, goal=goal)
         beyond = enough(cell, data, goal=0.5 * came)
         made = envelope(cell.name, [cell.path], 0)
-        answers = [EnoughResult.of(e, 0, "targets.csv", made) for e in (reached, beyond)]
-        corrected = CompensateResult.of(cell, commands, made)
+        answers = [EnoughResult.of(e, cell, made) for e in (reached, beyond)]
+        corrected = CompensateResult.of(commands, cell, made)
         texts = [" ".join(markdown(own).split()) for own in (*answers, corrected)]
     stops = "you may stop" in texts[0].lower()
     return [

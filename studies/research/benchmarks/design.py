@@ -19,7 +19,7 @@ import calib
 from calib import Cell
 from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
-from doe.candidates import Pool, drawn, pool_of
+from doe.candidates import Pool, candidates_of
 from doe.levels import levels_of, parse_levels
 from doe.optimal.blocks import Blocks, pack
 from doe.problem import RIDGE, Problem, problem_of
@@ -83,9 +83,8 @@ def problem(name: str, criterion: str) -> Problem:
 
 def pool(posed: Problem, count: int) -> Pool:
     """Candidates of a problem, seed 0."""
-    levels = posed.request.levels
-    chunks = drawn(posed.cell, count, levels, 0)
-    return pool_of(posed.regressor, posed.constraints, levels, chunks, count)
+    offered = candidates_of(posed.cell, posed.constraints, posed.request.levels, count, 0)
+    return offered.informed(posed.regressor)
 
 
 def timed(work: Callable[[], T], enough: float = ENOUGH) -> tuple[T, float]:

@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant
-from doe.criteria.eigenvalue import SmallestEigenvalue
+from doe.criteria.smallest import SmallestEigenvalue
 from doe.criteria.trace import Average, Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
+from doe.optimal.function import Selection
 from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
-from doe.optimal.selection import Selection
 from doe.problem import RIDGE
 from studies.research.bench import Output, Row, bench, clocked, count, each, table
 

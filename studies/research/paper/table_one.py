@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.geometry import JointOffset, LinkGeometry
+from calib.effects.geometry import LinkGeometry
+from calib.effects.joint import JointOffset
 from calib.instruments import Tracker
 from calib.model import Model
 from calib.noise import Noise

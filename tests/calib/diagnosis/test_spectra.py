@@ -11,7 +11,7 @@ import pytest
 from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis.spectra import Spectrum, spectra_of
-from calib.effects.gear_ripple import GearRipple
+from calib.effects.ripple import GearRipple
 from calib.model.build import context_of, place_effect
 from calib.poses import Poses
 from tests.calib.identification.test_identify_tunings import arm, read, session

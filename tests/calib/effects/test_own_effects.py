@@ -12,8 +12,8 @@ import pytest
 import calib
 from calib import effects, plugins
 from calib.arrays import Array
-from calib.effects.drive import DriveError
-from calib.effects.protocol import Parameter
+from calib.effects.joint import DriveError
+from calib.effects.protocol import Unknown
 from calib.errors import CalibError
 from calib.poses import Poses
 from tests.calib.diagnosis.test_diagnose import measured
@@ -25,10 +25,7 @@ class WarmEncoder(DriveError):
 
     kind: ClassVar[str] = "warm_encoder"
     uses: ClassVar[tuple[str, ...]] = ("temperature",)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "slope", "urad/K", 1e-6, 1e-5),)
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("slope", "urad/K", 1e-5),)
 
     def shares(self, poses: Poses) -> Array:
         return poses.warming[:, None]

@@ -15,6 +15,7 @@ from calib.cell.planned import Pace
 from calib.diagnosis.candidates import candidates
 from calib.errors import InputError
 from calib.model.build import build
+from studies.demo.embedded import embedded_text
 from tests.helpers import all_seen
 from tests.studies.command_line import paper_cell
 
@@ -133,3 +134,24 @@ def test_the_place_is_keys_alone_whatever_forms_a_value_may_have(
         calib.load_cell(path)
     assert str(caught.value.where).startswith(f"instruments.cam.{place}")
     assert "[" not in str(caught.value.where)
+
+
+def test_speeds_of_the_urdf_and_of_the_cell(tmp_path: Path) -> None:
+    urdf = embedded_text("kr270.urdf").replace('velocity="0"', 'velocity="1.5"', 2)
+    (tmp_path / "kr270.urdf").write_text(urdf)
+    more = (
+        "\n[robot.speed_deg_s]\nA2 = 90\nA6 = 180\n[robot.acceleration_deg_s2]\nA1 = 360\n"
+        "[timing]\nspeed_percent = 25\nread_s = 4\n"
+    )
+    (tmp_path / "cell.toml").write_text(embedded_text("cell.toml") + more)
+    cell = calib.load_cell(tmp_path / "cell.toml")
+    speeds = [1.5, np.pi / 2, np.nan, np.nan, np.nan, np.pi]
+    np.testing.assert_allclose(cell.robot.speeds, speeds)
+    np.testing.assert_allclose(cell.robot.accelerations, [2 * np.pi, *5 * [np.nan]])
+    assert (cell.pace.speed, cell.pace.reading, cell.pace.settle) == (0.25, 4.0, 2.0)
+
+
+def test_no_speed_is_known_by_default(tmp_path: Path) -> None:
+    for name in ("kr270.urdf", "cell.toml"):
+        (tmp_path / name).write_text(embedded_text(name))
+    assert np.isnan(calib.load_cell(tmp_path / "cell.toml").robot.speeds).all()

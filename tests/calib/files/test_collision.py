@@ -17,7 +17,6 @@ from calib.errors import InputError
 from calib.files.shapes import mesh_vertices
 from doe.constraints import constraints_of, scene_of
 from doe.constraints.obstacles import Floor
-from doe.constraints.self_collision import SelfCollision
 from tests.helpers import cell_text
 
 mujoco = pytest.importorskip("mujoco")
@@ -167,39 +166,6 @@ def test_a_capsule_holds_its_points_and_little_more(size: tuple[float, ...]) -> 
 def constraint(cell: Cell, kind: type) -> object:
     found = [own for own in constraints_of(cell) if isinstance(own, kind)]
     return found[0] if found else None
-
-
-def test_pairs_that_meet_at_the_zero_pose_are_named_and_not_checked(folder: Path) -> None:
-    cell = load(folder)
-    found = constraint(cell, SelfCollision)
-    assert isinstance(found, SelfCollision)
-    assert found.allows(scene_of(cell, np.zeros((1, 4)))).all()
-    assert ("base", "j2") in found.exempt, "the capsules meet though the shapes do not"
-    # folded back onto the base: MuJoCo, too, has the tool within reach of it
-    q = np.array([[0.0, np.pi - 0.5, 0.4, -0.2]])
-    model, data = in_mujoco(folder)
-    data.qpos[:] = q[0]
-    mujoco.mj_forward(model, data)
-    assert not found.allows(scene_of(cell, q)).any()
-
-
-def test_the_floor_is_where_the_cell_says(folder: Path) -> None:
-    cell = load(folder, design="[design]\nfloor_mm = 0.0\n")
-    floor = constraint(cell, Floor)
-    assert isinstance(floor, Floor)
-    rng = np.random.default_rng(2)
-    q = rng.uniform(-2.0, 2.0, (60, 4))
-    allowed, lowest = floor.allows(scene_of(cell, q)), []
-    model, data = in_mujoco(folder)
-    for own in q:
-        data.qpos[:] = own
-        mujoco.mj_forward(model, data)
-        moving = [g for g in range(model.ngeom) if model.geom_bodyid[g] > 1]
-        lowest.append(min(surface(model, data, g, rng)[:, 2].min() for g in moving))
-    under = np.array(lowest) < 0.0
-    assert 10 < under.sum() < 50
-    assert not allowed[under].any(), "nothing that is below the floor is allowed"
-    assert allowed[np.array(lowest) > 0.15].all(), "and nothing far above it is refused"
 
 
 @pytest.mark.parametrize(

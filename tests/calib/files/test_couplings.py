@@ -15,9 +15,9 @@ from calib.arm.kinematics import forward
 from calib.arm.mimic import Coupling, ties_of
 from calib.arrays import Array
 from calib.cell import Cell
+from calib.cell.tables import CouplingTable
 from calib.errors import InputError
 from calib.files.cell import coupled, load_cell
-from calib.files.schema import CouplingTable
 from calib.files.tables import load_measurements
 from calib.files.write_tables import joint_header, measurements_csv
 from calib.model.build import build

@@ -12,7 +12,7 @@ import pytest
 import calib
 import doe
 from calib import Cell
-from calib.arm.inverse import nearest, solutions
+from calib.arm.inverse import solutions
 from calib.arm.kinematics import forward
 from calib.arm.mimic import Mimic
 from calib.arm.robot import Robot
@@ -152,8 +152,7 @@ def test_what_is_drawn_keeps_to_it_and_within_all_limits(arm: tuple[Robot, list[
     for found in solutions(robot, tips.R[:, -1], tips.o[:, -1]):
         assert len(found.q)
         assert all(np.allclose(robot.tied(q), q, atol=1e-9) for q in found.q)
-        q, _ = nearest(robot, found.q, reference)
-        assert q is None or follows(robot, q)
+        assert follows(robot, found.nearest(robot, reference))
 
 
 def test_a_plan_keeps_to_it_and_tells_the_master(

@@ -127,7 +127,7 @@ def test_a_mesh_gives_its_mass_where_nothing_else_does(tmp_path: Path) -> None:
     assert robot.masses[0] == pytest.approx(1000 * 0.2 * 0.3 * 0.6 / 6, rel=1e-6)
     np.testing.assert_allclose(robot.coms[0], corners.mean(0) + np.eye(3)[2], atol=1e-6)
     (tmp_path / "parts" / "wedge.obj").unlink()
-    with pytest.raises(InputError, match=r"refused by MuJoCo: .*wedge.obj'; a file is read whole"):
+    with pytest.raises(InputError, match=r"refused by MuJoCo: .*wedge.obj'; bring what it names"):
         load_mjcf(tmp_path / "arm.xml", "base", "tip")
 
 
@@ -173,21 +173,27 @@ BAD = {
         swap("<site", "<body>" * 300 + "</body>" * 300 + "<site"),
         "is nested too deeply",
     ),
-    "no such base": (swap('"base"', '"bas"'), "no body 'base'; set .* to one of: world, bas, link"),
+    "no such base": (
+        swap('"base"', '"bas"'),
+        "no body or site 'base'; set .* to one of: world, bas, link",
+    ),
     "no such tip": (
         swap('"tip"', '"tap"'),
-        "no body or site 'tip'; set .*tip to a site, or to one",
+        "no body or site 'tip'; set .*tip to one of",
     ),
     "base beyond tip": (
         lambda t: t.replace('"base"', '"x"').replace('"hand"', '"base"').replace('"link"', '"tip"'),
-        "tip 'tip': no chain of bodies leads from 'base' to it",
+        "body or site tip: no chain of joints leads from 'base' to it",
     ),
     "no moving joint": (
         lambda t: re.sub(r"<joint[^>]*>", "", t),
         "the chain has no moving joint",
     ),
-    "ball joint": (swap('name="j2"', 'type="ball"'), "body 'hand': has a ball joint; use hinge"),
-    "joint without a name": (swap('name="j2"', ""), "body 'hand': has a joint without a name"),
+    "ball joint": (
+        swap('name="j2"', 'type="ball"'),
+        "joint 1 of hand: type 'ball' is not supported; use joints that turn or slide",
+    ),
+    "joint without a name": (swap('name="j2"', ""), "joint 1 of hand: has no name"),
     "copies without end": (
         swap("<site", '<replicate count="1000000000"><body/></replicate><site'),
         "<replicate>: makes 1000000000 copies; give a count of at most 10000",
@@ -211,14 +217,14 @@ BAD = {
             '<tendon tendon1="t"/>',
             '<tendon><fixed name="t"><joint joint="j2" coef="1"/></fixed></tendon>',
         ),
-        "equality <tendon>: constrains joint 'j2'",
+        "equality <tendon>: constrains tendon 't'",
     ),
     "NaN": (swap("0 0 1", "0 nan 1"), "holds numbers that are not finite|refused by MuJoCo"),
     "misspelt attribute": (
         swap("axis=", "axes="),
         "refused by MuJoCo: .*unrecognized attr.*'axes'",
     ),
-    "limits reversed": (swap("-1 1", "1 -1"), "joint 'j1': range 1 .. -1 is reversed"),
+    "limits reversed": (swap("-1 1", "1 -1"), "joint j1 limit: lower 1.0 is above upper -1.0"),
 }
 
 
@@ -272,6 +278,6 @@ def test_without_mujoco_one_line_says_what_to_install(
     (tmp_path / "arm.xml").write_text(GOOD)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(
-        InputError, match=r"needs MuJoCo, which is not installed; pip install 'posecal\[sim\]'$"
+        InputError, match=r"needs MuJoCo, which is not installed; pip install '\.\[sim\]'$"
     ):
         load_mjcf(tmp_path / "arm.xml", "base", "tip")

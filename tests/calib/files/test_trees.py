@@ -85,9 +85,9 @@ def test_a_marker_rides_on_the_link_that_the_cell_names(tmp_path: Path) -> None:
         (
             "c99",
             {"robot": MJCF},
-            "has no body or site 'c99'; set 'on' of what it carries to a site, or to one of",
+            "has no body or site 'c99'; set 'on' of what it carries to one of",
         ),
-        ("root", {"robot": MJCF}, "no chain of bodies leads from 'c0' to it"),
+        ("root", {"robot": MJCF}, "no chain of joints leads from 'c0' to it"),
         (
             "b0",
             {"robot": 'dh = "tree.csv"\ndh_convention = "classic"'},

@@ -81,7 +81,7 @@ def test_nobody_is_told_to_stop_while_it_goes_on(tmp_path: Path) -> None:
         cell, data, _, came = _known(tmp_path, _warming(2, timed=told_when))
         answer = enough(cell, data, goal=1e-2)
         made_from = envelope(cell.name, [cell.path], 0)
-        said = markdown(EnoughResult.of(answer, 0, "targets.csv", made_from)).replace("\\", "")
+        said = markdown(EnoughResult.of(answer, cell, made_from)).replace("\\", "")
         assert answer.lacking.trend > 0.0
         assert ("You may stop" in said) == told_when
         assert ("targets_after_h" in said) == (not told_when)

@@ -111,6 +111,6 @@ def test_the_most_useful_pose_is_that_of_all_rows_at_once() -> None:
         cov = np.linalg.inv(rows.T @ rows + np.eye(p) / 100.0)
         return float(at.weights @ np.einsum("krp,pq,krq->k", at.rows, cov, at.rows))
 
-    first, second = most_useful_first(at, own, more, sizes, 2)
+    first, second, *_ = most_useful_first(at, own, more, sizes)
     assert first == np.argmin([direct(i) for i in range(4)])
     assert second == min(set(range(4)) - {first}, key=lambda i: direct(first, i))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,10 +12,9 @@ from doe.criteria import Criterion
 from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks
-from doe.optimal.exchange import exchange
+from doe.optimal.function import Selection
 from doe.optimal.relax import bounded, relax
-from doe.optimal.search import best_plan
-from doe.optimal.selection import Selection
+from doe.optimal.search import best_plan, exchange
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
 
 SMOOTH = ["D", "A", "c", "task", "task, one target", "task, itself a target"]
@@ -52,7 +53,7 @@ def broken(name: str, seed: int) -> Array:
     plan = best_plan(posed, relaxed, seed=0).plan
     plain = criterion.plain
     if plain is not criterion:
-        relaxed = bounded(posed.by(plain), relaxed)
+        relaxed = bounded(replace(posed, criterion=plain), relaxed)
     optimum, _ = best_by_exhaustion(plain, blocks, allowed)
     ours = float(plain.value(blocks.total(plan)))
     assert allowed.admits(plan)
@@ -84,7 +85,9 @@ def test_a_bound_of_the_criterion_with_its_share_is_none_of_the_plain_one() -> N
     optimum, plan = best_by_exhaustion(criterion.plain, blocks, allowed)
     assert (plan == 3).all()
     assert optimum > relaxed.bound
-    assert optimum <= bounded(posed.by(criterion.plain), relaxed).bound * (1.0 + ROUNDING)
+    assert optimum <= bounded(replace(posed, criterion=criterion.plain), relaxed).bound * (
+        1.0 + ROUNDING
+    )
 
 
 # What ranks candidates of few poses, and the plans that are found, against ways that share

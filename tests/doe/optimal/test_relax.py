@@ -7,10 +7,9 @@ import pytest
 
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
-from doe.optimal.exchange import exchange
+from doe.optimal.function import Selection
 from doe.optimal.relax import conic_weights, newton_weights, relax
-from doe.optimal.search import best_plan
-from doe.optimal.selection import Selection
+from doe.optimal.search import best_plan, exchange
 from tests.doe.problems import best_by_exhaustion, criteria, grouped, random_blocks
 
 P = 4

@@ -11,7 +11,6 @@ import calib
 import doe
 from calib import load_cell
 from calib.cell import Cell
-from calib.cell.planned import Planned
 from calib.model.build import build
 from calib.simulation import drawn_readings
 from doe.request import CannotIdentify
@@ -62,13 +61,3 @@ def test_bearings_of_both_arms_are_planned_for(elastic: Cell) -> None:
     found = plan(replace(elastic, effects=(*elastic.effects, "bearing_compliance")))
     planned = {p.id for p in found.problem.model.parameters}
     assert {"bearing_compliance:hip.tilt", "bearing_compliance:right2.tilt"} <= planned
-
-
-def test_a_number_that_cannot_do_is_refused_before_the_search(
-    kr270: Cell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Three markers are nine numbers a pose and fix six: of four poses 36 and 30 for 33."""
-    monkeypatch.setattr("doe.planning.choose", None)
-    cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design=Planned())
-    with pytest.raises(CannotIdentify, match=r"4 poses .* ask for at least"):
-        doe.design(cell, poses=4, candidates=200)

@@ -13,11 +13,10 @@ from calib.cell.planned import Planned
 from calib.inference.widths import SizePrior
 from calib.model.build import build
 from calib.poses import poses_at
-from doe.candidates import Pool, chunked, pool_of
-from doe.constraints import constraints_of
+from doe.candidates import Pool
+from doe.planning import choose
 from doe.problem import RIDGE, Problem, problem_of
 from doe.request import CannotIdentify, Request
-from doe.solve import choose
 from studies.demo.embedded import embedded_cell
 
 
@@ -67,11 +66,10 @@ def test_what_is_measured_in_any_case_adds_up(cell: Cell) -> None:
 
 
 def pool(cell: Cell) -> tuple[Problem, Pool]:
-    problem = problem_of(cell, Request(8, "D"))
     rng = np.random.default_rng(2)
     q = rng.uniform(*cell.robot.sample_limits().T, (200, cell.robot.dof))
-    found = pool_of(problem.regressor, constraints_of(cell), None, chunked(q), len(q))
-    return problem, found
+    problem = problem_of(cell, Request(8, "D", candidates=poses_at(q)))
+    return problem, problem.candidates()
 
 
 def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: Cell) -> None:

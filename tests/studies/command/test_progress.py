@@ -13,7 +13,7 @@ import pytest
 
 from studies import cli
 from studies.cli import run
-from studies.command.deliver import _duration, working
+from studies.command.call import _duration, working
 from tests.helpers import measured_cell
 
 RUN = "from studies.cli import run; run()"

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib import Cell
 from calib.diagnosis import Diagnosis
 from studies import figures
+from studies.render import markdown
 from studies.results.base import envelope
 from studies.results.diagnose import DiagnoseResult, SpectrumLines, aliases_of
 from tests.calib.diagnosis.test_error_curve import HALF, found
@@ -21,19 +23,17 @@ def diagnosis() -> Diagnosis:
 
 
 @pytest.mark.long
-def test_steps_and_curve_are_those_of_the_diagnosis(diagnosis: Diagnosis) -> None:
+def test_steps_and_curve_are_those_of_the_diagnosis(diagnosis: Diagnosis, kr270: Cell) -> None:
     made = envelope("cell", [])
-    result = DiagnoseResult.of(
-        diagnosis, made, figures=True, after_s=0.0, holdout=None, warnings=()
-    )
+    result = DiagnoseResult.of(diagnosis, kr270, made)
     gap, steps = result.gap, result.steps
     assert steps is not None
     assert steps.added == ("backlash:A3",)
     assert steps.of == "held-out poses"
     assert steps.rms_mm == pytest.approx((gap.heldout_before_mm, gap.heldout_after_mm))
     (curve,) = result.curves
-    assert curve.pose_names == diagnosis.data.poses.names
-    assert "constant part" in curve.caption
+    assert curve.absorbed
+    assert "such as a constant part" in markdown(result, page=True, draw=lambda *own: own[2])
     (panel,) = curve.panels
     own, sign = (np.array(values, dtype=float) for values in (panel.effect, curve.variable))
     np.testing.assert_allclose(sign, diagnosis.data.poses.approach[:, 2])  # type: ignore[index]
@@ -41,7 +41,7 @@ def test_steps_and_curve_are_those_of_the_diagnosis(diagnosis: Diagnosis) -> Non
     assert half == pytest.approx(1e6 * diagnosis.causes[0].values[0], rel=1e-6)
     figure = figures.located_curve(result, curve)
     assert [axes.get_ylabel() for axes in figure.axes] == ["error of A3 [urad]"]
-    assert result.model_validate_json(result.dumps()) == result
+    assert result.model_validate_json(result.to_json()) == result
 
 
 def test_entries_say_aliases() -> None:

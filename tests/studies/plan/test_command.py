@@ -62,7 +62,7 @@ def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) 
     """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""
     effects = ("base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
     found = foresee(replace(kr270, effects=effects), table_two)
-    entries = PlanResult.of(found, envelope("cell", [])).could_not_see
+    entries = PlanResult.of(found, kr270, envelope("cell", [])).could_not_see
     assert all((e.minimum_detectable is None) == bool(e.reason) for e in entries)
     tip = next(e for e in entries if e.key == "link_geometry:tool0")
     assert tip.reason is not None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.page import _evidence, _reported, _variables
+import calib
+import studies
 from studies.render import short
 from studies.results.identify import IdentifyResult
 from studies.results.read import read, read_as
@@ -22,6 +22,7 @@ from tests.fuzz.small_cell import small_results
 from tests.studies.command_line import run
 
 MOST_BYTES = 400_000
+ARROW = "\N{RIGHTWARDS ARROW}"
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,12 @@ def reported(page: Path, *words: object) -> str:
     return text_of(page.read_text())
 
 
+def written(name: str, folder: Path, **changed: Any) -> Path:
+    path = folder / f"{name}.json"
+    path.write_text(json.dumps({**small_results()[name], **changed}))
+    return path
+
+
 def test_it_is_small_and_needs_nothing_from_outside(html: str) -> None:
     assert len(html.encode()) <= MOST_BYTES
     check_harmless(html)
@@ -54,9 +61,11 @@ def test_it_is_small_and_needs_nothing_from_outside(html: str) -> None:
 
 def test_the_answer_stands_first_and_figures_are_described(html: str, demo_folder: Path) -> None:
     text, identified = text_of(html), json.loads((demo_folder / "identify.json").read_text())
-    after = short(identified["rms_mm"]["heldout"])
-    assert f"\N{RIGHTWARDS ARROW} {after} mm" in text[:200]
-    assert text.index("What to do next") < text.index("Identification")
+    assert f"{ARROW} {short(identified['rms_mm']['heldout'])} mm" in text[:200]
+    assert "Diagnosis: 0.0427" in text[:300]
+    assert text.index("What to do next Nothing remains beyond noise.") < text.index(
+        "Identification"
+    )
     assert html.index("What was identified") < html.index("<details>")
     drawn = re.findall(r"<svg [^>]*>", html)
     assert len(drawn) >= 5
@@ -72,11 +81,9 @@ def test_who_and_when(demo_folder: Path, tmp_path: Path) -> None:
         tmp_path / "page.html", demo_folder / "identify.json", "--title", "Cell <7>", "--json", result,
         "--operator", "R. & D.", "--date", "2026-11-21", "--instrument", "tracker 0815",
     )  # fmt: skip
-    for words in ("Cell <7>", "R. & D.", "2026-11-21", "tracker 0815"):
-        assert words in text
+    assert all(w in text for w in ("Cell <7>", "R. & D.", "2026-11-21", "tracker 0815"))
     fields = json.loads(result.read_text())
-    assert fields["command"] == "report"
-    assert fields["inputs"][0]["file"].endswith("identify.json")
+    assert (fields["command"], len(fields["inputs"])) == ("report", 1)
 
 
 @pytest.mark.parametrize(
@@ -86,32 +93,24 @@ def test_outcome_by_the_tolerance(verdict: str | None, word: str, tmp_path: Path
     largest = 0.345 if verdict else None
     own = {"tolerance_mm": 0.2, "verdict": verdict, "largest_mm": largest}
     about = {"serial": "R-0815", "operator": "O. <N.>", "date": "2026-03-04"}
-    text = reported(
-        tmp_path / "p.html", written("identified", tmp_path, acceptance=own, about=about)
-    )
-    assert text.index(word) < text.index("\N{RIGHTWARDS ARROW}")
+    path = written("identified", tmp_path, acceptance=own, about=about, warnings=["it rained"])
+    text = reported(tmp_path / "p.html", path)
+    assert text.index(word) < text.index(ARROW)
+    assert text.index("Warning: it rained.") < text.index("What to do next")
     assert "Tolerance 0.2 mm: " in text
     assert all(words in text for words in about.values())
 
 
-def written(name: str, folder: Path, **changed: Any) -> Path:
-    path = folder / f"{name}.json"
-    path.write_text(json.dumps({**small_results()[name], **changed}))
-    return path
-
-
-@pytest.mark.parametrize("name", ["identified", "compensated", "diagnosed", "enough"])
+@pytest.mark.parametrize("name", ["identified", "compensated", "diagnosed", "enough", "designed"])
 def test_every_kind_with_errors_before_and_after(name: str, tmp_path: Path) -> None:
     path = written(name, tmp_path)
     found = read(path).error
-    assert found is not None
     text = reported(tmp_path / "p.html", path)
-    assert f"{found.name}, {found.ends[0]} \N{RIGHTWARDS ARROW} {found.ends[1]}" in text
-
-
-def test_without_a_measurement_there_is_no_box(tmp_path: Path) -> None:
-    reported(tmp_path / "p.html", written("designed", tmp_path))
-    assert 'class="verdict' not in (tmp_path / "p.html").read_text()
+    assert (found is None) == (name == "designed")
+    assert ('class="verdict' in (tmp_path / "p.html").read_text()) == (found is not None)
+    if found is not None:
+        assert f"{found.name}, {found.ends[0]} {ARROW} {found.ends[1]}" in text
+        assert ("This is the error of the fit." in text) == (name == "diagnosed")
 
 
 @pytest.fixture
@@ -127,24 +126,18 @@ def moved(demo_folder: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_changed_inputs_are_left_out_and_named(moved: Path) -> None:
-    table = moved / "measurements.csv"
-    table.write_text(table.read_text() + "\n")
-    text = reported(moved / "page.html", moved / "identify.json")
-    assert "measurements.csv is changed since: figures that need it are left out" in text
-    (moved / "kr270.urdf").unlink()
-    text = reported(moved / "page.html", moved / "identify.json")
-    assert "the cell is left out" in text
-    assert "not found" in text
-    assert "What was identified" in text
-
-
-def test_results_that_do_not_belong_together_are_said_to(moved: Path) -> None:
+def test_inputs_that_changed_or_differ_are_named(moved: Path) -> None:
     table = moved / "measurements.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3]))
     run("identify", moved / "cell.toml", table, "--json", moved / "fewer.json")
     text = reported(moved / "page.html", moved / "fewer.json", moved / "diagnose.json")
     assert "measurements.csv is another file in diagnose.json than in fewer.json" in text
+    (moved / "cell.toml").write_text((moved / "cell.toml").read_text() + "\n")
+    (moved / "kr270.urdf").unlink()
+    text = reported(moved / "page.html", moved / "identify.json")
+    assert "cell.toml is changed since: the picture of the arm is left out" in text
+    assert "not found" in text
+    assert "What was identified" in text
 
 
 def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
@@ -162,38 +155,44 @@ def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
         squares = sum(pose.points * pose.after**2 for pose in own)
         rms = np.sqrt(squares / sum(pose.points for pose in own))
         assert rms == pytest.approx(fields["rms_mm"][key], rel=1e-9)
-    time = (_variables(_evidence(_reported(result))) or {})["time [h]"]
-    assert time["p01_free", True] > time["p01_free", False]
-
-
-def test_the_day_is_that_of_readings_that_count_from_1970(moved: Path) -> None:
-    """2026-03-04 12:00 UTC is 1772625600 s."""
-    table = moved / "measurements.csv"
-    lines = table.read_text().splitlines()
-    at = lines[0].split(",").index("time_s")
-    rows = [line.split(",") for line in lines[1:]]
-    for row in rows:
-        row[at] = f"{1772625600.0 + float(row[at]):.1f}"
-    table.write_text("\n".join([lines[0], *(",".join(row) for row in rows), ""]))
-    done = run("identify", moved / "cell.toml", table, "--json", moved / "r.json")
-    assert done.exit_code == 0, done.output
-    assert "measured 2026-03-04" in reported(moved / "p.html", moved / "r.json")
-
-
-def _with(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    fields = json.loads(path.read_text())
-    change(fields)
-    path.write_text(json.dumps(fields))
+    hours = {(c.pose, c.heldout): c.variables["time [h]"] for c in found.conditions}
+    assert hours["p01_free", True] > hours["p01_free", False]
 
 
 def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
-    def spoil(fields: dict[str, Any]) -> None:
-        for row in fields["residuals"]:
-            row |= {axis: 1e3 * row[axis] for axis in ("x_mm", "y_mm", "z_mm")}
-        rows = fields["budget"]["rows"]  # of a systematic error, which would be the cause
-        fields["budget"]["rows"] = [row for row in rows if row["part_of"] != "model"]
-
-    _with(moved / "identify.json", spoil)
-    text = reported(moved / "page.html", moved / "identify.json")
+    path = moved / "identify.json"
+    fields = json.loads(path.read_text())
+    for row in fields["residuals"]:
+        row |= {axis: 1e3 * row[axis] for axis in ("x_mm", "y_mm", "z_mm")}
+    fields["expected"]["model_mm"] = 0.0  # a systematic error would be the cause
+    path.write_text(json.dumps(fields))
+    text = reported(moved / "page.html", path)
     assert "What to do next Do not use this model." in text
     assert 'class="verdict fail"' in (moved / "page.html").read_text()
+
+
+def test_results_from_python(demo_folder: Path, tmp_path: Path) -> None:
+    """The same object as the command's: text, table, JSON, and a page in a line."""
+    cell = calib.load_cell(demo_folder / "cell.toml")
+    data = calib.load_measurements(cell, demo_folder / "measurements.csv")
+    found = calib.identify(cell, data, heldout=0.3)
+    result = studies.result_of(cell, found)
+    done = run("identify", cell.path, demo_folder / "measurements.csv", "--holdout", "0.3",
+               "--json", tmp_path / "i.json")  # fmt: skip
+    assert result.summary() in done.output
+    assert repr(result) == result.summary()
+    ours, theirs = json.loads(result.to_json()), json.loads((tmp_path / "i.json").read_text())
+    assert {k for k in ours if ours[k] != theirs[k]} <= {"inputs", "holdout"}
+    studies.page(result, operator="N. N.").write(tmp_path / "x.html")
+    text = text_of((tmp_path / "x.html").read_text())
+    assert "operator N. N." in text
+    assert "<h2>" in result._repr_html_()
+    value, std = found["geometry:A2.x"]
+    entry = next(p for p in ours["parameters"] if p["id"] == "geometry:A2.x")
+    assert (value * 1e6, std * 1e6) == pytest.approx((entry["value"], entry["std"]))
+    with pytest.raises(
+        calib.CalibError, match=r"no parameter 'geometry:A2\.w'; there is geometry:A2"
+    ):
+        found["geometry:A2.w"]
+    with pytest.raises(calib.CalibError, match="found is a Cell; give one of"):
+        studies.result_of(cell, cell)

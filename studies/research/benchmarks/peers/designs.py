@@ -15,10 +15,9 @@ from calib.threads import one_blas_thread
 from doe.criteria.determinant import Determinant
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, unpack
-from doe.optimal.exchange import exchange, greedy, rounded_weights
+from doe.optimal.function import Selection
 from doe.optimal.relax import relax
-from doe.optimal.search import best_plan
-from doe.optimal.selection import Selection
+from doe.optimal.search import best_plan, exchange, greedy, rounded_weights
 from studies.research.bench import Row
 from studies.research.benchmarks.design import blocks_of, pool, problem, timed
 from studies.research.benchmarks.peers.judge import Left, said_by

@@ -1,4 +1,4 @@
-"""Positions of the markers, and of bodies, in the tip frame."""
+"""The outer factors of the product: places of instruments, and of markers and bodies on the tip."""
 
 from __future__ import annotations
 
@@ -11,9 +11,61 @@ from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp, so3_log, so3_right_j
 from calib.arrays import Array
 from calib.effects.context import Context
 from calib.effects.protocol import Effect, Parameter
+from calib.instruments import TRACKER, Instrument
 
 _BODY = "body:"
-_MARKER = "marker:"
+MARKER = "marker:"
+
+
+@dataclass(frozen=True, eq=False)
+class Base(Effect):
+    """The place of an instrument, at first where the cell says that it stands, or at zero.
+
+    station : int or None, the station of that place; None for an instrument that never moves, or that
+        has sites and stands so at the one of its name
+    """
+
+    station: int | None
+    of: Instrument = TRACKER
+    kind: ClassVar[str] = "base"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return tuple(base.where for base in _standing(context))
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Self:
+        base = next(base for base in _standing(context) if base.where == where)
+        return cls(where, base.station, base.of)
+
+    @property
+    def initial(self) -> Array:
+        return self.of.guess_at(self.where)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(self.kind, self.where, *unknown) for unknown in self.of.unknowns)
+
+
+def sought(context: Context) -> tuple[Base, ...]:
+    """Places that are unknown even where the model has no base."""
+    return tuple(base for base in _standing(context) if base.of.sought)
+
+
+def _standing(context: Context) -> list[Base]:
+    """Every place: that of the tracker by its station, others by their names."""
+    stations = context.stations if len(context.stations) > 1 else ("base",)
+    bases: list[Base] = []
+    for instrument in context.instruments:
+        if not instrument.unknowns:
+            continue
+        if not instrument.has_stations:
+            bases += [Base(name, None, instrument) for name in instrument.names]
+            continue
+        first = not any(base.of.has_stations for base in bases)
+        before = "" if first else f"{instrument.name}:"
+        bases += [Base(f"{before}{name}", i, instrument) for i, name in enumerate(stations)]
+    return bases
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,25 +75,30 @@ class Tool(Effect):
     marker: int
     components: tuple[int, ...] = (0, 1, 2)
     kind: ClassVar[str] = "tool"
-    lasting: ClassVar[bool] = False
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        alone = (f"{_MARKER}{name}" for name in context.single_markers)
+        alone = (f"{MARKER}{name}" for name in context.single_markers)
         return (*alone, *(f"{_BODY}{name}" for name in context.bodies))
 
     @classmethod
     def at(cls, context: Context, where: str) -> Tool:
         if where.startswith(_BODY):
-            own = context.bodies[where.removeprefix(_BODY)]
-            return Body(where, own.start, guess=context.markers[own])
-        return cls(where, context.marker_names.index(where.removeprefix(_MARKER)))
+            points = context.bodies[where.removeprefix(_BODY)]
+            return Body(where, points.start, guess=context.markers[points])
+        return cls(where, context.marker_names.index(where.removeprefix(MARKER)))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(self.kind, self.where, "xyz"[c], "mm", 1e-3, 1e-2) for c in self.components
-        )
+        units = [
+            ("x", "mm"),
+            ("y", "mm"),
+            ("z", "mm"),
+            ("rx", "mrad"),
+            ("ry", "mrad"),
+            ("rz", "mrad"),
+        ]
+        return tuple(self.parameter(*units[c], 1e-2) for c in self.components)
 
     @property
     def markers(self) -> slice:
@@ -50,9 +107,7 @@ class Tool(Effect):
 
     def offsets(self, values: Array) -> Array:
         """By how much they move, shape (..., k, 3), m, tip axes."""
-        moved = np.zeros((*values.shape[:-1], 1, 3))
-        moved[..., 0, list(self.components)] = values
-        return moved
+        return self._whole(values)[..., None, :3]
 
     def columns(self, values: Array) -> Array:
         """The derivative of that, shape (..., k, 3, p)."""
@@ -64,6 +119,11 @@ class Tool(Effect):
 
     def only(self, kept: tuple[int, ...]) -> Self:
         return replace(self, components=tuple(self.components[i] for i in kept))
+
+    def _whole(self, values: Array) -> Array:
+        xi = np.zeros((*values.shape[:-1], 6))
+        xi[..., list(self.components)] = values
+        return xi
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,23 +138,12 @@ class Body(Tool):
     guess: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        own = [(c, "mm") for c in "xyz"] + [(f"r{c}", "mrad") for c in "xyz"]
-        chosen = (own[i] for i in self.components)
-        return tuple(Parameter(self.kind, self.where, *c, 1e-3, 1e-2) for c in chosen)
-
-    @property
     def markers(self) -> slice:
         return slice(self.marker, self.marker + len(self.guess))
 
     @property
     def _arms(self) -> Array:
         return np.asarray(self.guess - self.guess[0])
-
-    def _whole(self, values: Array) -> Array:
-        found = np.zeros((*values.shape[:-1], 6))
-        found[..., list(self.components)] = values
-        return found
 
     def offsets(self, values: Array) -> Array:
         xi = self._whole(values)
@@ -110,5 +159,4 @@ class Body(Tool):
 
     def values_at(self, offsets: Array) -> Array:
         T = fit_rigid(self._arms + offsets, self._arms)
-        shift = offsets[0]
-        return np.concatenate([shift, so3_log(T[:3, :3])])[list(self.components)]
+        return np.concatenate([offsets[0], so3_log(T[:3, :3])])[list(self.components)]

@@ -1,4 +1,4 @@
-"""The cell file: its keys with their units, and the same in SI, checked before anything is computed."""
+"""The cell file: its keys with their units, checked, and what they become in SI."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from calib.arm.robot import FORMS, Capsule, Form, Shapes
 from calib.arm.statics import STANDARD_GRAVITY
 from calib.arrays import Array
-from calib.cell.cell import Repeatability
-from calib.cell.planned import Load, Pace, Planned
+from calib.cell.planned import Load, Pace, Planned, Repeatability
 from calib.instruments import KINDS, KnownDistance
 from calib.instruments.board import BoardTable
 from calib.instruments.camera import CameraTable
@@ -86,6 +85,7 @@ class CouplingTable(TomlTable):
 
 
 _OneCapsule = Annotated[Capsule, Written(CapsuleTable, lambda own: Capsule(**dict(own)))]
+_Capsules = Annotated[tuple[Capsule, ...], Written(list[_OneCapsule], tuple)]
 _Anchors = Annotated[Array, Written(AnchorTable, lambda own: np.array([own.before, own.after]))]
 
 
@@ -122,14 +122,12 @@ class RobotTable(TomlTable):
     second"""
     acceleration_mm_s2: dict[str, Positive] = {}
     """largest acceleration of joints that slide"""
-    capsules_mm: (
-        dict[str, Annotated[tuple[Capsule, ...], Written(list[_OneCapsule], tuple)]] | None
-    ) = None
+    capsules: Annotated[dict[str, _Capsules] | None, key("capsules_mm")] = None
     """shapes of joints, base and tool, instead of those in the robot's file; an empty table means none
     (posecal explain constraints)"""
-    compensators_mm: dict[str, _Anchors] = {}
+    anchors: Annotated[dict[str, _Anchors], key("compensators_mm")] = {}
     """springs of gravity_compensator, by joint"""
-    gear_ratio: dict[str, Positive] = {}
+    gear_ratios: Annotated[dict[str, Positive], key("gear_ratio")] = {}
     """turns of the motor (or wave generator) for one turn of the joint; gear_ripple is tried at this
     ratio only"""
     coupled: dict[str, CouplingTable] = {}
@@ -168,7 +166,7 @@ class RobotTable(TomlTable):
     @property
     def shapes(self) -> Shapes | None:
         """Those that stand in place of the file's, which may be none; None where it says nothing."""
-        return None if self.capsules_mm is None else Shapes(self.capsules_mm)
+        return None if self.capsules is None else Shapes(self.capsules)
 
     @property
     def repeatability(self) -> Repeatability | None:
@@ -176,12 +174,12 @@ class RobotTable(TomlTable):
         stated = self.repeatability_mm, self.repeatability_urad
         return None if stated == (None, None) else Repeatability(*(own or 0.0 for own in stated))
 
-    def of_joints(self) -> Iterator[tuple[str, bool, str, float, Mapping[str, Any]]]:
-        """What keys say of single joints: limits, speed or acceleration; of those that slide; SI."""
-        for what, per in (("limits", ""), ("speed", "_s"), ("acceleration", "_s2")):
+    def of_joints(self) -> Iterator[tuple[bool, str, float, Mapping[str, Any]]]:
+        """Whether joints slide, a key of such joints, its unit in SI, and its values by joint."""
+        for name in ("limits_{}", "speed_{}_s", "acceleration_{}_s2"):
             for slides, unit, scale in ((False, "deg", DEG), (True, "mm", MM)):
-                key = f"{what}_{unit}{per}"
-                yield what, slides, key, scale, getattr(self, key)
+                own = name.format(unit)
+                yield slides, own, scale, getattr(self, own)
 
 
 _PULLS_MOST = 30.0  # m/s^2
@@ -249,7 +247,7 @@ class DiagnosisTable(TomlTable):
 class AcceptanceTable(TomlTable):
     """What passes."""
 
-    tolerance_mm: PositiveMetres
+    tolerance: Annotated[PositiveMetres, key("tolerance_mm")]
     """largest distance allowed between a held-out point and its prediction: pass or fail"""
 
 
@@ -275,7 +273,9 @@ class ModelTable(TomlTable):
 
     effects: Annotated[list[str], Field(min_length=1)]
     """what is identified (posecal explain effects)"""
-    knots_deg: dict[str, Annotated[Array, Written(list[Number], _knots)]] = {}
+    knots: Annotated[
+        dict[str, Annotated[Array, Written(list[Number], _knots)]], key("knots_deg")
+    ] = {}
     """angles, by joint, at which stiffness_vs_angle has a coefficient; without it the plan's levels, or
     angles of the data"""
     size_prior: Annotated[
@@ -354,6 +354,12 @@ class CellFile(TomlTable):
         return {n: own for n, own in self.cameras.items() if own.rides_before(self.boards)}
 
     @property
+    def seated(self) -> dict[str, KeysTable]:
+        """All other instruments that ride on links."""
+        every, carried = self.instruments.items(), self.carried
+        return {name: own for name, own in every if own.on != WORLD and name not in carried}
+
+    @property
     def links(self) -> tuple[str, ...]:
         """Links beside the tip on which anything rides."""
         several = (self.markers_mm, self.bodies, self.boards, {"": self.payload}, self.instruments)
@@ -362,74 +368,103 @@ class CellFile(TomlTable):
         return tuple(link for link in dict.fromkeys(ridden) if link not in (TIP, WORLD))
 
     @model_validator(mode="after")
-    def _load_once(self) -> Self:
+    def _consistent(self) -> Self:
+        faults = (
+            self._load_twice(),
+            *self._unread(),
+            *(fault for name, own in self.cameras.items() for fault in self._unseeing(name, own)),
+            *self._unseen_boards(),
+            *self._names_twice(),
+            *self._distances(),
+        )
+        if fault := next(filter(None, faults), None):
+            raise ValueError(fault)
+        return self
+
+    def _load_twice(self) -> str:
         own, load = self.payload, self.load
-        if load is None or not own.mass or own.on != load.on:
-            return self
-        if np.array_equal(own.com, load.com) and math.isclose(own.mass, load.mass, rel_tol=0.01):
-            raise ValueError(
+        if load is None or not own.mass or own.on != load.on or own.com != load.com:
+            return ""
+        return (
+            ""
+            if not math.isclose(own.mass, load.mass, rel_tol=0.01)
+            else (
                 "[payload] and [load] are the same mass at the same place; it counts once: keep "
                 "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
             )
-        return self
+        )
 
-    @model_validator(mode="after")
-    def _something_read(self) -> Self:
+    def _unread(self) -> Iterator[str]:
+        """What is there to be read and is not, or should be there."""
         if self.instrument is None and not self.instruments:
-            raise ValueError(
-                "has no [instrument]; add it, as in the cell that `posecal demo` writes"
-            )
+            yield "has no [instrument]; add it, as in the cell that `posecal demo` writes"
         if self.instrument is not None and self.instruments:
-            raise ValueError(
-                "has [instrument] and [instruments]; make [instrument] one of these, too"
-            )
+            yield "has [instrument] and [instruments]; make [instrument] one of these, too"
         read = {entry.kind: entry.reads for entry in self.instruments.values()}
         read = read or {"points": "markers"}
         for what, table in (("markers", "markers_mm"), ("bodies", "bodies")):
-            kinds = [kind for kind, own in read.items() if own == what]
-            if kinds and not getattr(self, table):
-                raise ValueError(f"reads {min(kinds)} and has no [{table}]; add what is read")
+            if (kinds := [k for k, own in read.items() if own == what]) and not getattr(
+                self, table
+            ):
+                yield f"reads {min(kinds)} and has no [{table}]; add what is read"
         if self.bodies and "bodies" not in read.values():
-            raise ValueError("has [bodies] and no instrument of kind pose that reads them")
-        links = {own.on for own in self.markers_mm.values()}
-        # Cameras that read markers: all but those that ride before the world, or with all markers.
-        reading = {n for n, own in self.cameras.items() if links - {own.on}} - self.carried.keys()
-        if self.markers_mm and "markers" not in read.values() and not reading:
-            raise ValueError("has [markers_mm] and no instrument that reads them")
-        for name, camera in self.cameras.items():
-            self._check_camera(name, camera, name in reading)
-        seen = {board for camera in self.cameras.values() for board in camera.seen(self.boards)}
-        for name, board in self.boards.items():
-            if name not in seen:
-                other = {WORLD: "on the tip", TIP: "on the world"}.get(board.on, "elsewhere")
-                raise ValueError(
-                    f"has board {name} on {_named(board.on)} and no camera {other} that sees it"
-                )
-        named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
-        for name in (own for own, count in named.items() if count > 1):
-            raise ValueError(f"{name!r} names two things; rename one")
-        return self
+            yield "has [bodies] and no instrument of kind pose that reads them"
+        if self.markers_mm and "markers" not in read.values() and not self._reading_markers:
+            yield "has [markers_mm] and no instrument that reads them"
 
-    def _check_camera(self, name: str, camera: CameraTable, reads_markers: bool) -> None:
-        """Each camera sees something."""
+    def _unseen_boards(self) -> Iterator[str]:
+        seen = {board for camera in self.cameras.values() for board in camera.seen(self.boards)}
+        for name in (own for own in self.boards if own not in seen):
+            on = self.boards[name].on
+            other = {WORLD: "on the tip", TIP: "on the world"}.get(on, "elsewhere")
+            yield f"has board {name} on {_named(on)} and no camera {other} that sees it"
+
+    def _names_twice(self) -> Iterator[str]:
+        named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
+        yield from (f"{n!r} names two things; rename one" for n, k in named.items() if k > 1)
+
+    @property
+    def _reading_markers(self) -> set[str]:
+        """Cameras that read markers: but those that ride before the world, or with all markers."""
+        links = {own.on for own in self.markers_mm.values()}
+        return {n for n, own in self.cameras.items() if links - {own.on}} - self.carried.keys()
+
+    def _unseeing(self, name: str, camera: CameraTable) -> Iterator[str]:
+        """Why a camera sees nothing, or not what it should."""
         for one in camera.boards or ():
             if one not in self.boards or self.boards[one].on == camera.on:
                 fault = "rides with it" if one in self.boards else "is none of [boards]"
-                raise ValueError(f"has camera {name}, whose board {one} {fault}; take it out")
+                yield f"has camera {name}, whose board {one} {fault}; take it out"
         own = camera.seen(self.boards)
-        if not own and not reads_markers:
-            raise ValueError(
+        if not own and name not in self._reading_markers and camera.on == WORLD:
+            yield (
                 f"has camera {name} in the world and nothing on the tip; add [boards.NAME] with "
                 "on = 'tip', or [markers_mm]"
-                if camera.on == WORLD
-                else f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
+            )
+        elif not own and name not in self._reading_markers:
+            yield (
+                f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
                 "[boards.NAME] with on = 'world', or on another link"
             )
         if camera.rides_before(self.boards) and any(b.on != WORLD for b in own.values()):
-            raise ValueError(
+            yield (
                 f"has camera {name}, that sees boards in the world and on other links; name some of "
                 "one kind, boards = ['NAME', ..], or let those in the world ride on [robot] base"
             )
+
+    def _distances(self) -> Iterator[str]:
+        """Known distances that are not between two sockets or two markers of one link."""
+        sockets = [name for name, own in self.instruments.items() if own.kind == "socket"]
+        on = {name: self.link(own.on) for name, own in self.markers_mm.items()}
+        for number, own in enumerate(self.known_distances):
+            (a, b), where = own.between, f"known_distances.{number}.between"
+            if a in on and b in on and on[a] != on[b]:
+                ride = f"ride on {on[a]} and {on[b]}, and are no known length apart; take it out"
+                yield f"{where}: {a!r} and {b!r} {ride}"
+            if a == b or not any(a in names and b in names for names in (sockets, on)):
+                known = f"those are {', '.join([*sorted(sockets), *on][:12])}"
+                what = f"{a!r} and {b!r} are not two sockets or two markers of the cell"
+                yield f"{where}: {what}; {known}"
 
 
 def _named(on: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.context import ARM, Context, joint_index, needs
-from calib.effects.protocol import Parameter, PoseEffect, Twist
+from calib.effects.protocol import PoseEffect, Twist, Unknown
 from calib.poses import Poses
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.
@@ -32,6 +32,7 @@ class ThermalExpansion(PoseEffect):
     lengths: Array
     kind: ClassVar[str] = "thermal_expansion"
     uses: ClassVar[tuple[str, ...]] = ("temperature",)
+    unknowns: ClassVar[tuple[Unknown, ...]] = (("growth", "um/(m K)", 1e-5, _LARGEST),)
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
@@ -55,10 +56,6 @@ class ThermalExpansion(PoseEffect):
             "name a link that has a length, or arm",
         )
         return cls(where, tuple(ends), lengths)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.kind, self.where, "growth", "um/(m K)", 1e-6, 1e-5, _LARGEST),)
 
     def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
         slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])

@@ -17,13 +17,12 @@ from calib.poses import Poses
 
 _OFF, _FAR = 3e-3, 5e-2  # of the focal length: plausible and largest error of it and of the centre
 _BENT, _VERY = 2e-2, 1.0  # of a coefficient of distortion
-_CAMERA = "camera:"
 _FIRST = 10.0  # odds: of an arm and a camera the camera is looked at first
 
 
 @dataclass(frozen=True, eq=False)
 class LensEffect(ReadingEffect):
-    """Some values of a camera's lens, at the place ``camera:NAME``, are others than the cell's.
+    """Some values of a camera's lens, at the place ``camera:NAME``, differ from the cell's.
 
     lens : Lens, as the cell gives it; values : slice, which of its values
     """
@@ -34,8 +33,7 @@ class LensEffect(ReadingEffect):
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:
-        cameras = (i for i in context.instruments if isinstance(i, Camera))
-        return tuple(_CAMERA + camera.name for camera in cameras if cls.acts(camera))
+        return tuple(where for where, camera in _cameras(context).items() if cls.acts(camera))
 
     @classmethod
     def acts(cls, camera: Camera) -> bool:
@@ -44,26 +42,26 @@ class LensEffect(ReadingEffect):
 
     @classmethod
     def at(cls, context: Context, where: str) -> Effect:
-        cameras = (i for i in context.instruments if isinstance(i, Camera))
-        return cls(where, next(i for i in cameras if _CAMERA + i.name == where).lens)
+        return cls(where, _cameras(context)[where].lens)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
         return Expectation(odds=_FIRST)
 
     def changes(self, instrument: Instrument) -> bool:
-        return isinstance(instrument, Camera) and self.where == _CAMERA + instrument.name
+        return isinstance(instrument, Camera) and self.where == f"camera:{instrument.name}"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         focal = float(self.lens.values[FOCAL].mean())
-        unit, size, largest = ("px", _OFF * focal, _FAR * focal)
+        limits = ("px", _OFF * focal, _FAR * focal)
         if self.values == DISTORTION:
-            unit, size, largest = "1", _BENT, _VERY
-        return tuple(
-            Parameter(self.kind, self.where, n, unit, 1.0, size, largest)
-            for n in self.lens.names[self.values]
-        )
+            limits = ("1", _BENT, _VERY)
+        return tuple(self.parameter(name, *limits) for name in self.lens.names[self.values])
+
+
+def _cameras(context: Context) -> dict[str, Camera]:
+    return {f"camera:{i.name}": i for i in context.instruments if isinstance(i, Camera)}
 
 
 class Focal(LensEffect):

@@ -2,16 +2,13 @@
 
 A strain-wave gear of ratio N has errors once and twice a turn of its wave generator: c = N and c
 = 2 N a turn of the joint. A motor encoder has errors once a turn of the motor: c = N. The second
-harmonic has twice the cycles.
-
-Errors with one or two cycles a turn of the joint are a ``transmission_harmonic``. Between two
-cycles and the ratio of a slow gear no part of a drive turns. Such cycles are not tried, because
-any smooth error would fit them.
+harmonic has twice the cycles. Errors with one or two cycles a turn of the joint are a
+``transmission_harmonic``. Between two cycles and the ratio of a slow gear no part of a drive turns.
+Such cycles are not tried, because any smooth error would fit them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -19,7 +16,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, joint_index, turning_joints
-from calib.effects.drive import along_axis
+from calib.effects.joint import along_axis
 from calib.effects.protocol import FrameEffect, Parameter
 from calib.effects.tuned import ANY_TUNING, Tuned
 from calib.poses import Poses
@@ -30,9 +27,8 @@ FEWEST = 15.0
 _MOST = 450.0  # ratios of strain-wave gears reach 160, their second harmonic 640
 _STEP = 0.25  # of a line's width
 _LINE = 2.0  # widths: farther away it is another line
-_SAME = 0.8  # of a ripple's square: so much at other cycles, and nobody tells which are right
-# rad: real arms show 20 to 150 urad.
-_SIZE, _LARGEST = 1e-4, 1.5e-3
+_SAME = 0.8  # of a ripple's square: so much at other cycles, and nobody says which are right
+_SIZE, _LARGEST = 1e-4, 1.5e-3  # rad: real arms show 20 to 150 urad
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +42,6 @@ class GearRipple(Tuned, FrameEffect):
     harmonics: int
     ratio: float | None
     kind: ClassVar[str] = "gear_ripple"
-    turns: ClassVar[bool] = True
     drawn: ClassVar[bool] = False
 
     @classmethod
@@ -56,20 +51,14 @@ class GearRipple(Tuned, FrameEffect):
     @classmethod
     def at(cls, context: Context, where: str) -> Self:
         joint, ratio = joint_index(context, where), context.gear_ratios.get(where)
-        axis = along_axis(context.robot, joint)[:, None]
-        cycles = _USUAL if ratio is None else 2.0 * ratio
         return cls(
             where=where,
-            tuning=cycles,
+            tuning=_USUAL if ratio is None else 2.0 * ratio,
             frame=joint + 1,
-            directions=axis,
-            harmonics=1,
+            directions=along_axis(context.robot, joint)[:, None],
+            harmonics=2 if "cos_2" in (context.parameters or ()) else 1,
             ratio=ratio,
         )
-
-    @classmethod
-    def named(cls, context: Context, where: str, parameters: Sequence[str]) -> Self:
-        return cls.at(context, where).with_harmonics(2 if "cos_2" in parameters else 1)
 
     def with_harmonics(self, count: int) -> Self:
         """The same with so many harmonics, 1 or 2."""
@@ -77,14 +66,12 @@ class GearRipple(Tuned, FrameEffect):
 
     @property
     def tuning_parameter(self) -> Parameter:
-        return Parameter(self.kind, self.where, "cycles", "1/turn", 1.0, 1.0, ANY_TUNING)
+        return self.parameter("cycles", "1/turn", 1.0, ANY_TUNING)
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
         names = [f"{f}_{k}" for k in range(1, self.harmonics + 1) for f in ("cos", "sin")]
-        return tuple(
-            Parameter(self.kind, self.where, n, "urad", 1e-6, _SIZE, _LARGEST) for n in names
-        )
+        return tuple(self.parameter(name, "urad", _SIZE, _LARGEST) for name in names)
 
     def functions(self, poses: Poses, tuning: Array) -> Array:
         phase = self._phases(poses, tuning)
@@ -96,8 +83,7 @@ class GearRipple(Tuned, FrameEffect):
 
     def _phases(self, poses: Poses, tuning: Array) -> Array:
         """Phase of each harmonic, shape (..., m, harmonics), rad."""
-        order = np.arange(1.0, self.harmonics + 1.0)
-        q = poses.q[:, self.frame - 1, None] * order
+        q = poses.q[:, self.frame - 1, None] * np.arange(1.0, self.harmonics + 1.0)
         return np.asarray(tuning)[..., None, None] * q
 
     def grid(self, poses: Poses) -> Array:
@@ -107,12 +93,12 @@ class GearRipple(Tuned, FrameEffect):
         return np.arange(FEWEST, _MOST, _STEP * width) if np.isfinite(width) else np.zeros(0)
 
     def richer(self, tunings: Array) -> tuple[Self, Array]:
-        """With its second harmonic, which may be the line that was found."""
+        """With its second harmonic; the line that is best so far may be that harmonic."""
         cycles = np.concatenate([tunings, 0.5 * tunings])
         return self.with_harmonics(2), cycles[cycles >= FEWEST]
 
     def aliases(self, poses: Poses, values: Array) -> Array:
-        # Of a joint at equal steps.
+        """Lines of a joint at equal steps."""
         width = self.width(poses)
         if not np.isfinite(width):
             return np.zeros(0)

@@ -1,0 +1,257 @@
+"""A robot's file as links that hang on joints, whatever its form, and the arm between some of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from calib.arm.enclosing import enclosing_capsule
+from calib.arm.mimic import Mimic
+from calib.arm.robot import Capsule, Place, Robot, Shapes, Source
+from calib.arm.se3 import transformed
+from calib.arrays import Array
+from calib.errors import InputError
+
+_MOVING = ("revolute", "continuous", "prismatic")
+_MOST_JOINTS = 100  # that move
+_SHOWN = 12  # names that a message lists
+_ROUNDED = 1e-9  # rad or m: limits that are as wide but for rounding
+_NAMELESS = "\0"  # begins the key of a link that the file gives no name
+Shape: TypeAlias = tuple[Array, float]
+"""Points (n, 3), m, in the frame of a link, and a radius [m] about them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint of a file; SI.
+
+    kind : revolute, continuous, prismatic, fixed, or any other that the file may have
+    origin : ndarray, shape (4, 4), m, its frame in that of the parent; once moved, it is the child's
+    axis : ndarray, shape (3,), of any length; limits : infinite where there are none
+    effort, speed : NaN where none is given
+    mimic : the master, the factor and the offset of a joint that follows another
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array = field(default_factory=lambda: np.eye(3)[0])
+    limits: tuple[float, float] = (-math.inf, math.inf)
+    effort: float = math.nan
+    speed: float = math.nan
+    mimic: tuple[str, float, float] | None = None
+
+    @property
+    def moves(self) -> bool:
+        return self.kind in _MOVING
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """What a robot's file holds.
+
+    source : form and files; links : their names; joints : in the order of the file
+    weights : link, mass [kg] and centre of mass (3,), m, of links that have some
+    shapes : what touches of a link; a text for what cannot be read
+    ground : link of which no branches belong to the arm; called : how the form calls a link
+    """
+
+    source: Source
+    name: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    weights: tuple[tuple[str, float, Array], ...]
+    shapes: Callable[[str], Iterator[Shape | str]]
+    ground: str = ""
+    called: str = "link"
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.source.files[0]
+
+    @property
+    def named(self) -> list[str]:
+        """Links that have a name."""
+        return [link for link in self.links if not link.startswith(_NAMELESS)]
+
+    @cached_property
+    def below(self) -> dict[str, list[Joint]]:
+        """Joints that hang on each link."""
+        below: dict[str, list[Joint]] = {link: [] for link in self.links}
+        for joint in self.joints:
+            below.setdefault(joint.parent, []).append(joint)
+        return below
+
+    def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> list[Joint]:
+        """Joints from ``base`` to ``tip``, then those to other links: parents first, fixed ones too.
+
+        Raises InputError where no way of joints leads there, or one of an unknown kind.
+        """
+        on = [("'on' of what it carries", other) for other in others]
+        for key, name in (("[robot] base", base), ("[robot] tip", tip), *on):
+            if name not in self.named:
+                remedy = f"set {key} to one of: {', '.join(self.named[:_SHOWN]) or 'none'}"
+                raise InputError(self.path, "", f"has no {self.called} {name!r}", remedy)
+        chain = list(dict.fromkeys(j for end in (tip, *others) for j in self._way(base, end)))
+        for joint in chain:
+            where = f"joint {joint.name or joint.child.strip(_NAMELESS)}"
+            if not joint.moves and joint.kind != "fixed":
+                remedy = "use joints that turn or slide about one axis, or are fixed"
+                what = f"type {joint.kind!r} is not supported"
+                raise InputError(self.path, where, what, remedy)
+            if joint.moves and not joint.name:
+                raise InputError(self.path, where, "has no name", "name it as the data do")
+        moving, remedy = sum(joint.moves for joint in chain), "check [robot] base and tip"
+        if not moving:
+            raise InputError(self.path, "", "the chain has no moving joint", remedy)
+        if moving > _MOST_JOINTS:
+            what = f"has {moving} moving joints, at most {_MOST_JOINTS} are possible"
+            raise InputError(self.path, "", what, "fix the others")
+        return chain
+
+    def _way(self, base: str, tip: str) -> list[Joint]:
+        """Joints of the only way from one link down to another."""
+        by_child = {joint.child: joint for joint in self.joints}
+        way: list[Joint] = []
+        link = tip
+        while link != base:
+            if link not in by_child or len(way) > len(by_child):
+                what = f"no chain of joints leads from {base!r} to it (stopped at {link!r})"
+                remedy = "check [robot] base and tip"
+                raise InputError(self.path, f"{self.called} {tip}", what, remedy)
+            way.insert(0, by_child[link])
+            link = by_child[link].parent
+        return way
+
+    def places(self, base: str, chain: Sequence[Joint]) -> dict[str, Place]:
+        """Where every link of the arm is; joints beside the chain, of any kind, are at zero."""
+        places: dict[str, Place] = {base: (0, np.eye(4))}
+        moving = 0
+        for joint in chain:
+            k, T = places[joint.parent]
+            moving += joint.moves
+            places[joint.child] = (moving, np.eye(4)) if joint.moves else (k, T @ joint.origin)
+        pending = [link for link in places if link != self.ground]
+        for link in pending:  # grows as links are placed
+            k, T = places[link]
+            new = [joint for joint in self.below.get(link, ()) if joint.child not in places]
+            places |= {joint.child: (k, T @ joint.origin) for joint in new}
+            pending += [joint.child for joint in new]
+        return places
+
+    def robot(self, base: str, tip: str, others: Sequence[str] = ()) -> Robot:
+        """The arm from link ``base`` to link ``tip``, and to other links that are tips as well.
+
+        Fixed joints are folded into the next origin. Masses and shapes that hang on a moving link by
+        other joints than these are gathered into it. A joint that mimics another stays a joint of the
+        robot and follows its master.
+
+        Raises InputError for no such way, axes without length, and numbers that contradict.
+        """
+        chain = self.chain(base, tip, others)
+        places = self.places(base, chain)
+        moving = [joint for joint in chain if joint.moves]
+        names = tuple(joint.name for joint in moving)
+        hung = [(*places[joint.parent], joint.origin) for joint in moving]
+        hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
+        mimics = tuple(own for joint in moving if (own := self._mimic(joint)) is not None)
+        masses, moments = np.zeros(len(moving)), np.zeros((len(moving), 3))
+        for link, mass, com in self.weights:
+            k, T = places.get(link, (0, np.eye(4)))
+            if k > 0:
+                masses[k - 1] += mass
+                moments[k - 1] += mass * transformed(T, com)
+        return Robot(
+            name=self.name,
+            base=base,
+            tip=tip,
+            joints=names,
+            prismatic=np.array([joint.kind == "prismatic" for joint in moving]),
+            origins=np.array([T @ own for _, T, own in hung]),
+            axes=np.array([self._axis(joint) for joint in moving]),
+            limits=self._limits(moving, mimics),
+            efforts=np.array([joint.effort for joint in moving]),
+            speeds=np.array([joint.speed for joint in moving]),
+            masses=masses,
+            coms=moments / np.where(masses == 0, 1.0, masses)[:, None],
+            mimics=mimics,
+            shapes=self._shapes(names, places),
+            source=self.source,
+            others=tuple(others),
+            parents=tuple(k for k, _, _ in hung),
+        )
+
+    def _axis(self, joint: Joint) -> Array:
+        length = float(np.linalg.norm(joint.axis))
+        if length < 1e-9:
+            where = f"joint {joint.name} axis"
+            raise InputError(self.path, where, "has no length", "name a direction")
+        return joint.axis / length
+
+    def _mimic(self, joint: Joint) -> Mimic | None:
+        """What a joint follows, through masters that mimic others; None where it moves by itself."""
+        by_name = {own.name: own for own in self.joints}
+        where, at, factor, offset = f"joint {joint.name}", joint, 1.0, 0.0
+        passed: list[str] = []
+        while at.mimic is not None:
+            passed.append(at.name)
+            master, by, shift = at.mimic
+            offset, factor = offset + factor * shift, factor * by
+            if master not in by_name or not by_name[master].moves or not factor:
+                what = f"mimics {master!r}, which is no joint that moves it"
+                remedy = "correct its <mimic>, or write it as a fixed joint"
+                raise InputError(self.path, where, what, remedy)
+            if master in passed:
+                remedy = "let one of its masters move freely"
+                raise InputError(self.path, where, "mimics itself", remedy)
+            at = by_name[master]
+        slides = at.kind == "prismatic"
+        return Mimic(joint.name, at.name, slides, factor, offset) if passed else None
+
+    def _limits(self, moving: Sequence[Joint], mimics: Sequence[Mimic]) -> Array:
+        """Limits (n, 2) of joints; one whose master is outside the chain stays within its, too."""
+        by_name = {own.name: own for own in self.joints}
+        chosen = [*moving, *(by_name[own.master] for own in mimics)]
+        for joint, (low, high) in ((own, own.limits) for own in chosen):
+            if low > high:
+                where = f"joint {joint.name} limit"
+                raise InputError(self.path, where, f"lower {low} is above upper {high}")
+        names, limits = [own.name for own in moving], np.array([own.limits for own in moving])
+        for mimic in mimics:
+            k, own = names.index(mimic.joint), np.array(by_name[mimic.master].limits)
+            given = np.sort(mimic.factor * own + mimic.offset)
+            low, high = max(limits[k, 0], given[0]), min(limits[k, 1], given[1])
+            if low > high + _ROUNDED:
+                stated = f"{limits[k, 0]:g} .. {limits[k, 1]:g}"
+                what = f"its limits, {stated}, are beyond those of its master"
+                where = f"joint {mimic.joint}"
+                raise InputError(self.path, where, what, "correct its <limit> or <mimic>")
+            if mimic.master not in names:
+                limits[k] = low, max(low, high)
+        return limits
+
+    def _shapes(self, joints: Sequence[str], places: dict[str, Place]) -> Shapes:
+        """A capsule about each shape of the arm, by the joint that carries it, or ``base``."""
+        capsules: dict[str, tuple[Capsule, ...]] = {}
+        unread: list[str] = []
+        for link, (k, T) in places.items():
+            name = ("base", *joints)[k]
+            for shape in self.shapes(link):
+                if isinstance(shape, str):
+                    unread.append(shape)
+                    continue
+                points, radius = shape
+                start, end, wide = enclosing_capsule(transformed(T, points))
+                (a, b, c), (d, e, f) = start.tolist(), end.tolist()
+                capsule = Capsule((a, b, c), (d, e, f), wide + radius)
+                capsules[name] = (*capsules.get(name, ()), capsule)
+        return Shapes(capsules, tuple(unread), own=bool(capsules))

@@ -1,0 +1,141 @@
+"""What was never measured: errors of the arm that targets may show and that no reading could.
+
+A model lacks effects because the readings did not show them: a compliance without a load, growth at one
+temperature, drift within an hour, lost motion where every move came from one side. Each is off by its
+plausible size D, less what the readings say. With X the whitened columns of an effect, Z what the fitted
+parameters leave of them and f the actual over the stated noise,
+
+    cov = (Z^T Z / f^2 + D^-2)^-1 ,    error at a target = (X_t - J_t J^+ X) c ,    c ~ N(0, cov).
+
+At poses like those measured, left-out readings show that error already. So what counts at a target is
+what goes beyond the largest at any reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from calib.arrays import Array, in_parts
+from calib.cell import Cell
+from calib.diagnosis.columns import columns_at
+from calib.effects import catalogue
+from calib.effects.protocol import Effect
+from calib.errors import CalibError
+from calib.model import Model
+from calib.model.build import context_of, place_effect
+from calib.model.covariance import half, working_points
+from calib.poses import Poses
+from calib.prediction.discrepancy import FittedModel
+
+_KINDS = ("joint_compliance", "thermal_expansion", "base_drift", "backlash")
+"""Effects that any arm has and that readings show only under a load, heat, time or moves of their own."""
+_LEAST = 1e-6  # m: what adds less is not said
+
+
+@dataclass(frozen=True, eq=False)
+class Unmeasured:
+    """Effects of one kind that the model lacks, h parameters in all.
+
+    covariance : ndarray, shape (h, h), SI, of their values
+    absorbed : ndarray, shape (p, h), SI, what the parameters of the model took up of each
+    largest : float, m, 3-D RMS per point that they add at the reading where they add most
+    time : float or None, s, at which targets that give no time count
+    """
+
+    effects: tuple[Effect, ...]
+    covariance: Array
+    absorbed: Array
+    largest: float
+    time: float | None
+
+    @property
+    def kind(self) -> str:
+        """Of the effects."""
+        return self.effects[0].kind
+
+    def beyond(self, model: Model, values: Array, targets: Poses) -> Array:
+        """What they add at targets beyond what they add at any reading, shape (m,), m."""
+        if self.time is not None and targets.time is None:
+            targets = replace(targets, time=np.full(len(targets), self.time))
+        squares = _moved(model, values, targets, self) ** 2 - self.largest**2
+        return np.sqrt(np.maximum(squares, 0.0))
+
+
+def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasured]:
+    """What a fit leaves unmeasured, kind by kind; after : s after the last reading, of targets."""
+    poses = fit.data.poses
+    for _, alike in groupby(_lacking(cell, fit.model, poses), key=lambda e: e.kind):
+        effects = tuple(alike)
+        _, columns = columns_at(fit.model, fit.values, poses, effects)
+        rows = fit.points.rows(np.concatenate(columns, axis=-1))
+        left = fit.linear.complement.columns(rows)
+        cost = float((fit.linear.complement.left**2).sum())
+        factor = max(1.0, cost / max(1, len(fit.linear.independent[0]) - fit.span.shape[1]))
+        sizes = np.array([p.size for effect in effects for p in effect.parameters])
+        S = (left.T @ left / factor) * np.outer(sizes, sizes) + np.eye(len(sizes))
+        found = Unmeasured(
+            effects,
+            np.linalg.inv(S) * np.outer(sizes, sizes),
+            fit.linear.followed(rows),
+            0.0,
+            float(poses.clock.max()) + after if "time" in effects[0].uses else None,
+        )
+        yield replace(found, largest=float(_moved(fit.model, fit.values, poses, found).max()))
+
+
+def _lacking(cell: Cell, model: Model, poses: Poses) -> Iterator[Effect]:
+    """Effects of these kinds that the model lacks and this robot may have, kind by kind."""
+    context = replace(context_of(cell, poses), measured_load=True, lacking=frozenset())
+    if poses.time is None:  # nothing tells when the targets come
+        context = replace(context, lacking=frozenset({"time"}))
+    for kind in _KINDS:
+        for where in catalogue()[kind].places(context):
+            there = any(
+                (e.kind, e.where) == (kind, where) or e.contains(kind, where)
+                for e in model.effects
+            )
+            if there or kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
+                continue
+            try:
+                yield place_effect(kind, where, context)
+            except CalibError:
+                continue
+
+
+def _moved(model: Model, values: Array, poses: Poses, found: Unmeasured) -> Array:
+    """3-D RMS per point, shape (m,), m, that unmeasured effects add at poses."""
+    working, root = working_points(model), half(found.covariance)
+    each = []
+    for part in in_parts(len(poses), 3 * len(model.markers) * (len(values) + len(root))):
+        J, columns = columns_at(working, values, poses.take(part), found.effects)
+        moved = (np.concatenate(columns, axis=-1) - J @ found.absorbed) @ root
+        each.append(np.sqrt((moved**2).sum(axis=(-1, -2)).mean(axis=-1)))
+    return np.concatenate(each)
+
+
+def unmeasured_words(
+    model: Model, values: Array, known: Sequence[Unmeasured], targets: Poses, weights: Array
+) -> Iterator[str]:
+    """What was never measured and what it may add at targets, a sentence a kind."""
+    for one in known:
+        added = one.beyond(model, values, targets)
+        rms = float(np.sqrt(weights @ added**2 / weights.sum()))
+        if rms > _LEAST:
+            yield f"{_condition(one, targets)}: {one.kind} may add {1e3 * rms:.2g} mm"
+
+
+def _condition(one: Unmeasured, targets: Poses) -> str:
+    match one.effects[0].depends_on.partition(":")[0]:
+        case "load":
+            force = float(np.linalg.norm(targets.wrench[:, :3], axis=-1).max())
+            return f"the targets' load, up to {force:.3g} N, was never measured"
+        case "temperature":
+            return "the targets' temperatures were never measured"
+        case "time":
+            return "the targets come later than any reading"
+        case _:
+            return "joints come to the targets from sides that were never measured"

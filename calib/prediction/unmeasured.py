@@ -95,8 +95,7 @@ def _lacking(cell: Cell, model: Model, poses: Poses) -> Iterator[Effect]:
     for kind in _KINDS:
         for where in catalogue()[kind].places(context):
             there = any(
-                (e.kind, e.where) == (kind, where) or e.contains(kind, where)
-                for e in model.effects
+                (e.kind, e.where) == (kind, where) or e.contains(kind, where) for e in model.effects
             )
             if there or kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
                 continue

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import Array, Mask, stacked
+from calib.arrays import Array, stacked
 from calib.inference.decorrelation import InverseRoot
 from calib.model.covariance import covariance, root
 
@@ -42,16 +42,9 @@ class LinearProblem:
         """Derivatives (m, R, p) of readings to come, by all that may be fitted: no residual yet."""
         return cls(np.zeros(J.shape[:2]), J, np.eye(J.shape[-1]), mixing=mixing)
 
-    def rows(self, kept: Mask | None = None) -> Array:
-        """Independent derivatives (m, R, p) of whole groups, or of some poses (m,) alone.
-
-        Those of a group belong to the group: only together they say what its readings do.
-        """
-        if self.mixing is None:
-            return self.J if kept is None else self.J * kept[:, None, None]
-        if kept is None:
-            return self.mixing(self.J)
-        return self.mixing.only(kept)(self.J * kept[:, None, None])
+    def rows(self) -> Array:
+        """Independent derivatives (m, R, p): only those of a whole group say what its readings do."""
+        return self.J if self.mixing is None else self.mixing(self.J)
 
     @cached_property
     def fitted(self) -> tuple[Array, Array]:

@@ -147,9 +147,7 @@ def levenberg_marquardt(
 
     cost, g, A = equations(values)
     damping, growth = np.full(batch, _DAMPING[0]), np.full(batch, _GROWTH)
-    converged = np.zeros(batch, dtype=bool)
-    iterations = 0
-    stalled = ~np.isfinite(cost)
+    converged, stalled, iterations = np.zeros(batch, dtype=bool), ~np.isfinite(cost), 0
     while iterations < max_iterations and not (converged | stalled).all():
         iterations += 1
         step = damped_step(A, g, damping)
@@ -158,9 +156,8 @@ def levenberg_marquardt(
             trial_cost, trial_g, trial_A = equations(trial)
         expected = np.einsum("...i,...i->...", step, g)  # squared length of the step in sigmas
         better = trial_cost <= cost
-        small = (damping <= _LIGHT) & (
-            expected <= _STEP**2 * np.maximum(1.0, cost / max(1, span.shape[1]))
-        )
+        least = _STEP**2 * np.maximum(1.0, cost / max(1, span.shape[1]))
+        small = (damping <= _LIGHT) & (expected <= least)
         # A step below resolution ends the search even where rounding hides its gain.
         take = (better | small) & ~converged & ~stalled & np.isfinite(trial_cost)
         promised = expected + damping * np.einsum("...ii,...i,...i->...", A, step, step)
@@ -168,10 +165,8 @@ def levenberg_marquardt(
         factor = np.where(take, _eased(cost, trial_cost, promised), growth)
         damping = np.clip(damping * factor, *_DAMPING[1:])
         growth = np.where(take, _GROWTH, _GROWTH * growth)
-        values = np.where(take[..., None], trial, values)
-        cost = np.where(take, trial_cost, cost)
-        g = np.where(take[..., None], trial_g, g)
-        A = np.where(take[..., None, None], trial_A, A)
+        values, g = (np.where(take[..., None], a, b) for a, b in ((trial, values), (trial_g, g)))
+        cost, A = np.where(take, trial_cost, cost), np.where(take[..., None, None], trial_A, A)
         converged = converged | small
         # No step helps, for the derivative is wrong here, or nothing can be computed beyond.
         wall = ~np.isfinite(trial_cost) & (damping >= _WALL)

@@ -41,6 +41,18 @@ _UNSEEN = (
     "they move nothing that is read against the instrument that reads it, so no reading at any pose "
     "tells them, and errors at targets are without theirs"
 )
+_OFF = (
+    "the nominal model is off by {:.0f} mm: check units, signs and order of the joints, the order of "
+    "the rows, and the units of URDF and points"
+)
+_NO_LENGTH = (
+    "no length is measured, so the size of the arm is not identifiable and stays nominal. Give "
+    "[[known_distances]] between sockets"
+)
+_DERIVED = (
+    "approach directions are derived from the order {}{}. If there were moves in between, add columns "
+    "approach_<joint>"
+)
 _SHOWN = 6  # poses named in a warning
 _FAR = 0.05  # of the arm's size: no nominal model is off by as much
 
@@ -198,7 +210,7 @@ class Identification(Result, Estimation):
     @property
     def std(self) -> Array:
         """Standard deviations, shape (p,), SI; NaN where nothing was estimated."""
-        variance = sum((part for part, _ in self._variances), np.zeros(len(self.values)))
+        variance = np.diag(self.covariance)
         return np.sqrt(np.where(variance > 0.0, variance, np.nan))
 
     @property
@@ -223,12 +235,11 @@ class Identification(Result, Estimation):
     @property
     def _variances(self) -> list[tuple[Array, float]]:
         """Parts of the variance of each value (p,), with their degrees of freedom."""
-        rest, added, few = np.diag(self.covariance), np.zeros(len(self.values)), np.inf
-        if self.undetected is not None:
-            # Below nothing is rounding.
-            added = np.clip(np.diag(self.undetected[0]), 0.0, rest)
-            rest, few = rest - added, self.undetected[1].freedom
-        return [(rest, self.freedom), (added, few)]
+        whole = np.diag(self.covariance)
+        if self.undetected is None:
+            return [(whole, self.freedom)]
+        added = np.clip(np.diag(self.undetected[0]), 0.0, whole)  # below nothing is rounding
+        return [(whole - added, self.freedom), (added, self.undetected[1].freedom)]
 
     def interval(self, level: float = LEVEL) -> Array:
         """Coverage interval of each parameter, shape (p, 2), SI.
@@ -277,17 +288,12 @@ class Identification(Result, Estimation):
         return tuple(self._warned())
 
     def _warned(self) -> Iterator[str]:
+        model, poses = self.model, self.fit.data.poses
         nominal = (self.rms("nominal") or 0.0) * self.footprint
-        if nominal > _FAR * self.model.robot.reach:
-            yield (
-                f"the nominal model is off by {nominal * 1e3:.0f} mm: check units, signs and order "
-                "of the joints, the order of the rows, and the units of URDF and points"
-            )
-        if self.model.scaleless and any(p.effect == "geometry" for p in self.model.parameters):
-            yield (
-                "no length is measured, so the size of the arm is not identifiable and stays "
-                "nominal. Give [[known_distances]] between sockets"
-            )
+        if nominal > _FAR * model.robot.reach:
+            yield _OFF.format(nominal * 1e3)
+        if model.scaleless and any(p.effect == "geometry" for p in model.parameters):
+            yield _NO_LENGTH
         if names := self.undecided:
             shown = ", ".join(names[:_SHOWN]) + (" .." if names[_SHOWN:] else "")
             yield f"the fits do not agree whether to reject {shown}: check the readings there"
@@ -296,24 +302,19 @@ class Identification(Result, Estimation):
                 torque = p.effect == "measured_torque"
                 signs = "columns <joint>_Nm" if torque else "wrench and of gravity"
                 yield f"{p.id} is negative: check the sign of the {signs}"
-        poses, waiting = self.fit.data.poses, self.waiting
-        if poses.approach_derived and any("approach" in e.uses for e in self.model.effects):
+        if poses.approach_derived and any("approach" in e.uses for e in model.effects):
             order = "of the file" if poses.time is None else "in time"
-            skipped = f"; {', '.join(waiting)} skipped: direction unknown" if waiting else ""
-            yield (
-                f"approach directions are derived from the order {order}{skipped}. If there were moves "
-                "in between, add columns approach_<joint>"
-            )
+            names = self.waiting
+            skipped = f"; {', '.join(names)} skipped: direction unknown" if names else ""
+            yield _DERIVED.format(order, skipped)
 
     def sentences(self) -> list[str]:
-        errors = [
-            f"{key} {1e3 * error:.4g} mm"
-            for key in ("nominal", "fitted", "heldout")
-            if (error := self.rms(key)) is not None
-        ]
+        each = ((key, self.rms(key)) for key in ("nominal", "fitted", "heldout"))
+        errors = [f"{key} {1e3 * error:.4g} mm" for key, error in each if error is not None]
+        kept, out = int((~self.fit.outlier).sum()), int(self.fit.outlier.sum())
         return [
-            f"Identification: {self.rank} of {len(self.values)} parameters from "
-            f"{int((~self.fit.outlier).sum())} readings, {int(self.fit.outlier.sum())} outliers",
+            f"Identification: {self.rank} of {len(self.values)} parameters from {kept} readings, "
+            f"{out} outliers",
             f"RMS error of a point: {', '.join(errors)}" if errors else "no reading is a length",
             f"{self.status}: {ADVICE[self.status]}",
             *self.warnings,

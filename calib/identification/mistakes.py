@@ -144,8 +144,10 @@ def _placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> _Placed:
         if np.array_equal(near, kept):
             break
         kept = near
-    rms = _rms(missed[kept])
-    spread = float(np.sqrt(data.points[kept][data.seen[kept]].var(0).sum()))
+    rms, spread = (
+        _rms(missed[kept]),
+        float(np.sqrt(data.points[kept][data.seen[kept]].var(0).sum())),
+    )
     return _Placed(values, missed, kept, rms, rms / spread if spread > 0.0 else np.inf)
 
 

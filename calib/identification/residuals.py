@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.errors import CalibError, NoEquilibrium
 from calib.identification.fit import Fit
@@ -20,22 +20,6 @@ from calib.model.build import lacking
 from calib.observations import Points, points_of
 from calib.poses import Measurements
 from calib.poses.moves import of_one_clock
-
-_FALSE, _RIGHT = 6.0, 2.0  # times what readings usually miss by: a false one, and those beside it
-_FEW = 0.25  # of the readings of a pose: more of them are no false ones
-
-
-@dataclass(frozen=True)
-class FalseReadings:
-    """Single readings of a pose that are off where all others of it are right.
-
-    readings : tuple of int, positions among the channels; off : by how much the worst is, in ``unit``
-    """
-
-    instrument: str
-    readings: tuple[int, ...]
-    off: float
-    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +69,6 @@ class Residuals:
             for name in instrument.names:
                 here = seen & self.data.poses.touching(name, instrument.sites)[:, None]
                 yield from ((name, unit, off[unit][here]) for unit in units)
-
-    def false_readings(self, pose: int) -> Iterator[FalseReadings]:
-        """Single readings that spoil a pose: a corner that was taken for another, a wrong target.
-
-        An arm, a lens or a board that is off moves many points of an image, a bad detection one or two.
-        """
-        for instrument, part in self.channels.blocks:
-            unit = instrument.numbers[0].unit
-            off, right = self._off(instrument, part, unit), self._seen(~self.outlier)[:, part]
-            usual = float(np.sqrt((off[right] ** 2).sum() / max(int(right.sum()), 1)))
-            off, seen = off[pose], self.data.seen[pose, part]
-            false = seen & (off > _FALSE * usual)
-            others = off[seen & ~false]
-            few = 0 < int(false.sum()) <= max(1.0, _FEW * int(seen.sum()))
-            if few and len(others) and float(np.sqrt(np.mean(others**2))) < _RIGHT * usual:
-                at = tuple((np.flatnonzero(false) + part.start).tolist())
-                yield FalseReadings(instrument.name, at, float(off[false].max()), unit)
 
     def _seen(self, poses: Mask | None) -> Mask:
         return self.data.seen if poses is None else self.data.seen & poses[:, None]
@@ -169,47 +136,3 @@ def with_stations_of(data: Measurements, heldout: Measurements) -> Measurements:
     number = np.array([known.index(name) for name in stations])
     poses = replace(heldout.poses, station=number[heldout.poses.station], stations=known)
     return replace(heldout, poses=poses)
-
-
-# -- distances between poses -----------------------------------------------------------------------
-
-_NEAR_M = 0.05  # pairs closer than this say little of the arm
-_MOST = 400_000
-
-
-def pair_errors(data: Measurements, predicted: Array) -> Array:
-    """Measured minus predicted distances of the pairs of poses, marker by marker, shape (n,), m.
-
-    predicted : ndarray, shape (m, M, 3), m
-    They do not depend on where the instrument stands. Pairs within one station, 50 mm apart and more;
-    of very many an even part.
-    """
-    first, second = _pairs(data.poses.station, _MOST // data.seen.shape[1])
-    found = []
-    for j in range(data.seen.shape[1]):
-        both = data.seen[first, j] & data.seen[second, j]
-        measured, expected = (
-            np.linalg.norm(points[first[both], j] - points[second[both], j], axis=-1)
-            for points in (data.points, predicted)
-        )
-        found.append((measured - expected)[measured >= _NEAR_M])
-    return np.concatenate(found)
-
-
-def _pairs(station: IntArray, most: int) -> tuple[IntArray, IntArray]:
-    """Pairs (i, j), i < j, of poses of one station, each once: all, or an even choice of very many.
-
-    Pair k of n poses numbered as (0,1), (0,2), (1,2), (0,3), .. is ``j = (1 + sqrt(1 + 8 k)) / 2``
-    rounded down and ``i = k - j (j - 1) / 2``: no more of them are made than are taken.
-    """
-    members = [np.flatnonzero(station == s) for s in np.unique(station)]
-    counts = [len(poses) * (len(poses) - 1) // 2 for poses in members]
-    step = max(1, -(-sum(counts) // most))
-    first, second, before = [], [], 0
-    for poses, count in zip(members, counts, strict=True):
-        k = np.arange(-before % step, count, step)
-        j = ((1.0 + np.sqrt(1.0 + 8.0 * k)) / 2.0).astype(int)
-        first.append(poses[k - j * (j - 1) // 2])
-        second.append(poses[j])
-        before += count
-    return np.concatenate(first), np.concatenate(second)

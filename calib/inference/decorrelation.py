@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask, stacked
+from calib.arrays import Array, IntArray, stacked
 from calib.solver import inverse_factor
 
 if TYPE_CHECKING:
@@ -138,10 +138,6 @@ class InverseRoot:
             part = _root(groups, root(K))
             root = cls(1.0, (*root.levels, (groups, K)), (*root.parts, part))
         return cls(scale, root.levels, root.parts)
-
-    def only(self, kept: Mask) -> InverseRoot:
-        """Of some of the poses alone, shape (m,): rows of others must be zero."""
-        return self.of(self.scale, [(g, K * kept[:, None, None]) for g, K in self.levels])
 
     def __call__(self, rows: Array) -> Array:
         """Independent rows of unit variance, both (..., m, R, p); those of a group go together."""

@@ -39,22 +39,6 @@ def test_value_gradient_and_information_are_those_of_dense_matrices(groups: str,
 
 
 @pytest.mark.parametrize("groups", list(GROUPS))
-def test_gradient_is_that_of_central_differences(groups: str) -> None:
-    design = random_design(groups)
-    theta, h = random_theta(design), 1e-5
-    model = MixedModel.of(design)
-
-    def value(logs: Array) -> float:
-        return RestrictedLikelihood(model, np.exp(logs)).value
-
-    logs = np.log(theta)
-    steps = h * np.eye(len(theta))
-    slopes = [(value(logs + s) - value(logs - s)) / (2.0 * h) for s in steps]
-    found = RestrictedLikelihood(model, theta).derivatives[0]
-    np.testing.assert_allclose(found, slopes, rtol=1e-6, atol=1e-7)
-
-
-@pytest.mark.parametrize("groups", list(GROUPS))
 def test_products_with_the_inverse_covariance_are_those_of_dense_matrices(groups: str) -> None:
     """Woodbury, cell by cell and component by component."""
     design = random_design(groups)

@@ -141,13 +141,12 @@ def shares_of(outcome: Outcome, after: Fit, scale: float) -> dict[str, float]:
     """The share of each cause in the unmodelled error, by its key.
 
     It is the rise of the sum of squares without the cause, over what was there beyond noise. Where
-    whole poses scatter, rows weighed by it show hardly anything of what was there before: in standard
-    deviations of the instrument alone, scatter is a part of what is left: the error that was there is
-    ``r0 = r + sum of x``, x what each cause does beside the user's model and r what is left, across all of
-    them, so ``|r0|^2 = |r|^2 + sum of x . r0``.
+    whole poses scatter, rows weighed by it show hardly anything of what was there before: then rows
+    count in deviations of the instrument alone, and scatter is a part of what is left. The error that
+    was there is ``r0 = r + sum of x``, x what each cause does beside the user's model and r, across all
+    of them, what is left; so ``|r0|^2 = |r|^2 + sum of x . r0``.
 
-    after : Fit, in full; scale : float, actual over the standard deviation that the fit
-        weighs by
+    after : Fit, in full; scale : float, actual over the deviation that it weighs by
     """
     fit, active = outcome.fit, outcome.active
     if after.variances.any and active:

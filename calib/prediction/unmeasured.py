@@ -25,7 +25,7 @@ from calib.arrays import Array, in_parts
 from calib.cell import Cell
 from calib.diagnosis.columns import columns_at
 from calib.effects import catalogue
-from calib.effects.context import Context
+from calib.effects.context import Context, softness
 from calib.effects.protocol import Effect
 from calib.errors import CalibError
 from calib.model import Model
@@ -90,6 +90,8 @@ def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasure
         left, r = fit.linear.complement.columns(rows), fit.linear.complement.left
         factor = max(1.0, float(r @ r) / max(1, len(r) - fit.span.shape[1]))
         sizes = np.array([p.size for effect in effects for p in effect.parameters])
+        if effects[0].kind == "joint_compliance":
+            sizes[:] = softness(unmeasured_context(cell))
         Z = left * sizes
         cov = np.linalg.inv(Z.T @ Z / factor + np.eye(len(sizes)))
         mean = cov @ (Z.T @ r) / factor

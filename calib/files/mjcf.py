@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -171,9 +172,11 @@ def _model(path: Path) -> Any:
         raise InputError(path, "", what, "pip install '.[sim]'") from None
     mujoco.set_mju_user_warning(lambda _: None)  # its own handler writes MUJOCO_LOG.TXT
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compiler.fusestatic = False  # else a base without joints loses its name
-        return spec.compile()
+        with warnings.catch_warnings():  # of masses, which kinematics does not ask
+            warnings.simplefilter("ignore")
+            spec = mujoco.MjSpec.from_file(str(path))
+            spec.compiler.fusestatic = False  # else a base without joints loses its name
+            return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         said = re.sub(r"(, id \d+)?, line \d+", "", str(error))
         said = "; ".join(line.strip() for line in said.splitlines() if line.strip())

@@ -150,10 +150,11 @@ def _ends_of(tree: Tree) -> tuple[str, str, tuple[str, ...]]:
         taken = sum(joint.moves for joint in way)
         if rest and beyond[chosen] <= taken:
             break
-        if rivals := [j.child for j in rest if beyond[j] == beyond[chosen]]:
+        if rivals := [tree.shown(j.child) for j in rest if beyond[j] == beyond[chosen]]:
             notes.append(
-                f"arms of one length part at {links[-1]!r}: took that of {chosen.child!r}, not of "
-                f"{', '.join(map(repr, rivals))}; --tip takes another; one --tip for each takes all"
+                f"arms of one length part at {links[-1]!r}: took that of "
+                f"{tree.shown(chosen.child)!r}, not of {', '.join(map(repr, rivals))}; --tip takes "
+                "another; one --tip for each takes all"
             )
         start = len(links) - 1 if rest and not taken else start
         links.append(chosen.child)
@@ -163,7 +164,7 @@ def _ends_of(tree: Tree) -> tuple[str, str, tuple[str, ...]]:
     arm = row[: opens.index(True)] if any(opens) and not opens[0] else row
     if left := row[len(arm) :]:
         names = ", ".join(joint.name for joint in left)
-        within = f"To include it: --tip {left[-1].child}"
+        within = f"To include it: --tip {tree.shown(left[-1].child)}"
         notes.append(f"{names} moves a gripper and is left out. {within}")
     before = links[start : links.index(arm[0].parent) + 1]
     return _base(tree, before), _tip(tree, arm[-1].child), tuple(notes)

@@ -55,7 +55,7 @@ def solutions(robot: Robot, R: Array, o: Array) -> list[Solutions]:
     q = approached(robot, starts, np.asarray(robot.free), missed, patience=_PATIENCE)
     off = missed(np.arange(len(q)), forward(robot, q))[0].reshape(len(o), _STARTS, 6)
     q = q.reshape(len(o), _STARTS, -1)
-    return [_of_one(robot, *own) for own in zip(q, off, strict=True)]
+    return [_of_one(robot, *one) for one in zip(q, off, strict=True)]
 
 
 def _of_one(robot: Robot, q: Array, off: Array) -> Solutions:

@@ -51,15 +51,15 @@ def tip_joints(table: CsvTable, robot: Robot) -> Array:
         what = f"the quaternion's length is {np.linalg.norm(wxyz[row]):.4g}, not 1"
         raise table.fault(int(row), "qw", what, "check its four numbers")
     R = Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix().reshape(-1, 3, 3)
-    found = [robot.sample_limits().mean(axis=1)]
-    for row, own in enumerate(solutions(robot, R, o)):
-        if not len(own.q):
-            left = f"{own.short * 1e3:.1f} mm and {np.degrees(own.turned):.2f} deg are left"
+    chosen = [robot.sample_limits().mean(axis=1)]
+    for row, tip in enumerate(solutions(robot, R, o)):
+        if not len(tip.q):
+            left = f"{tip.short * 1e3:.1f} mm and {np.degrees(tip.turned):.2f} deg are left"
             what = f"the nominal arm does not reach this tip within its limits: {left}"
             remedy = "is it in the robot's base frame, and of the cell's tip?"
             raise table.fault(row, place[0], what, remedy)
-        found.append(own.nearest(robot, found[-1]))
-    return np.array(found[1:]).reshape(-1, robot.dof)
+        chosen.append(tip.nearest(robot, chosen[-1]))
+    return np.array(chosen[1:]).reshape(-1, robot.dof)
 
 
 def solution_said(robot: Robot, names: tuple[str, ...], q: Array) -> tuple[str, ...]:

@@ -58,10 +58,10 @@ def load_cell(path: str | Path) -> Cell:
     beside = [(name, point, table.link(on), None, None)
               for names, points, on in (*bodies.values(), *seats.values())
               for name, point in zip(names, points, strict=True)]  # fmt: skip
-    single = [(name, own.position, table.link(own.on), own.normal, own.acceptance)
-              for name, own in table.markers_mm.items()]  # fmt: skip
+    single = [(name, marker.position, table.link(marker.on), marker.normal, marker.acceptance)
+              for name, marker in table.markers_mm.items()]  # fmt: skip
     names, points, links, normals, accepted = zip(*single, *beside, strict=True)
-    facing = np.array([_UNKNOWN if own is None else own for own in normals])
+    facing = np.array([_UNKNOWN if normal is None else normal for normal in normals])
     cell = Cell(
         robot,
         np.array(points),
@@ -71,7 +71,7 @@ def load_cell(path: str | Path) -> Cell:
         path=path,
         marker_names=names,
         marker_normals=facing / np.linalg.norm(facing, axis=1, keepdims=True),
-        marker_acceptance=np.array([np.nan if own is None else own for own in accepted]),
+        marker_acceptance=np.array([np.nan if angle is None else angle for angle in accepted]),
         marker_links=links if table.links else (),
         gravity=np.array(table.gravity.m_s2),
         payload=Payload(table.payload.mass, table.payload.com, _frame(robot, table.payload.on)),
@@ -98,7 +98,7 @@ def _excluded(cell: Cell, causes: Sequence[str]) -> tuple[str, ...]:
     """Names of causes, each with its place. Raises InputError."""
     try:
         context = context_of(cell, None)
-        return tuple(own for name in causes for own in parse_excluded(name, context))
+        return tuple(cause for name in causes for cause in parse_excluded(name, context))
     except UnknownEffect as error:
         raise InputError(cell.path, "diagnosis.exclude", str(error)) from None
 
@@ -144,15 +144,15 @@ def _shape(path: Path, name: str, board: BoardTable) -> _Points:
     if not near.any():
         what = "lie farther apart than those of any board"
         raise InputError(path, f"boards.{name}.points_mm", what, "give them in mm")
-    return tuple(f"{name}:{own}" for own in itertools.compress(names, near)), points[near]
+    return tuple(f"{name}:{point}" for point in itertools.compress(names, near)), points[near]
 
 
 def _bodies(table: CellFile, shapes: Mapping[str, _Points]) -> dict[str, _Riding]:
     """Frames and cameras on links, then boards; one of which nothing is said is at its link's frame."""
     framed = {**table.bodies, **table.carried}.items()
     bodies: dict[str, _Riding] = {
-        name: ((name, f"{name}:x", f"{name}:y"), transformed(own.frame, _CORNERS), own.on)
-        for name, own in framed
+        name: ((name, f"{name}:x", f"{name}:y"), transformed(body.frame, _CORNERS), body.on)
+        for name, body in framed
     }
     for name, board in table.boards.items():
         if board.on != WORLD:
@@ -163,7 +163,7 @@ def _bodies(table: CellFile, shapes: Mapping[str, _Points]) -> dict[str, _Riding
 
 def _seats(table: CellFile) -> dict[str, _Riding]:
     """Links under instruments, by name."""
-    under = {table.link(own.on): own.on for own in table.seated.values()}
+    under = {table.link(i.on): i.on for i in table.seated.values()}
     return {k: (tuple(f"{k}:{end}" for end in "oxy"), _CORNERS, on) for k, on in under.items()}
 
 
@@ -191,18 +191,18 @@ def _instruments(
         what = "is a camera, which needs OpenCV"
         raise InputError(path, f"instruments.{name}", what, "pip install '.[camera]'")
     cell = CellParts(
-        links=tuple(own.on for own in table.markers_mm.values()),
+        links=tuple(marker.on for marker in table.markers_mm.values()),
         parts={**parts, **seats},
-        read_as_poses={name: own.on for name, own in table.bodies.items()},
+        read_as_poses={name: body.on for name, body in table.bodies.items()},
         boards={name: (table.boards[name], *shape) for name, shape in shapes.items()},
         placed="base" in table.model.effects,
     )
-    made = {name: own.instrument(name, cell) for name, own in table.instruments.items()}
-    for name, own in table.seated.items():
+    made = {name: keys.instrument(name, cell) for name, keys in table.instruments.items()}
+    for name, keys in table.seated.items():
         if made[name].markers == ():
-            what = f"rides on {own.on} as all does that it reads"
+            what = f"rides on {keys.on} as all does that it reads"
             raise InputError(path, f"instruments.{name}.on", what, "name another link")
-        made[name] = replace(made[name], seat=seats[table.link(own.on)])
+        made[name] = replace(made[name], seat=seats[table.link(keys.on)])
     return joined_sockets([*made.values()])
 
 
@@ -211,11 +211,11 @@ def _instruments(
 
 def _robot(path: Path, table: CellFile) -> Robot:
     """The robot that a cell names, narrowed, coupled and driven as it says. Raises InputError."""
-    own = table.robot
-    file = path.parent / own.file
-    robot = load_robot(own.form, file, own.base, own.tip, own.dh_convention, table.links)
+    keys = table.robot
+    file = path.parent / keys.file
+    robot = load_robot(keys.form, file, keys.base, keys.tip, keys.dh_convention, table.links)
     _check_joints(path, robot, table)
-    robot = coupled(path, robot, own.coupled)
+    robot = coupled(path, robot, keys.coupled)
     if table.load is not None:
         robot = replace(robot, loaded=_frame(robot, table.load.on))
     limits, unknown = robot.limits.copy(), np.full(robot.dof, np.nan)
@@ -223,7 +223,7 @@ def _robot(path: Path, table: CellFile) -> Robot:
         unknown.copy() if given is None else given.copy()
         for given in (robot.speeds, robot.accelerations)
     )
-    for slides, key, scale, values in own.of_joints():
+    for slides, key, scale, values in keys.of_joints():
         for joint, value in values.items():
             j, where = robot.joints.index(joint), f"robot.{key}.{joint}"
             if robot.prismatic[j] != slides:
@@ -234,7 +234,7 @@ def _robot(path: Path, table: CellFile) -> Robot:
                 low, high = np.array(value) * scale
                 narrowed = max(limits[j, 0], low), min(limits[j, 1], high)
                 if narrowed[0] > narrowed[1]:
-                    what = f"leaves nothing of the {own.form.upper()}'s limits"
+                    what = f"leaves nothing of the {keys.form.upper()}'s limits"
                     known = "those are {:g} .. {:g}".format(*(limits[j] / scale))
                     raise InputError(path, where, what, known)
                 limits[j] = narrowed
@@ -255,13 +255,13 @@ def _frame(robot: Robot, on: str) -> int:
 
 def _check_joints(path: Path, robot: Robot, table: CellFile) -> None:
     """Refuse keys that name no joint, and knots of a joint that slides."""
-    own = table.robot
-    named: dict[str, Iterable[str]] = {f"robot.{key}": v for _, key, _, v in own.of_joints()}
+    keys = table.robot
+    named: dict[str, Iterable[str]] = {f"robot.{key}": v for _, key, _, v in keys.of_joints()}
     named |= {
-        "robot.compensators_mm": own.anchors,
-        "robot.gear_ratio": own.gear_ratios,
-        "robot.coupled": own.coupled,
-        "robot.capsules_mm": {*(own.capsules or ())} - {"base", "tool"},
+        "robot.compensators_mm": keys.anchors,
+        "robot.gear_ratio": keys.gear_ratios,
+        "robot.coupled": keys.coupled,
+        "robot.capsules_mm": {*(keys.capsules or ())} - {"base", "tool"},
         "design.levels": table.design.levels,
         "model.knots_deg": table.model.knots,
     }
@@ -282,20 +282,20 @@ def coupled(path: Path, robot: Robot, table: Mapping[str, CouplingTable]) -> Rob
     others, and for an offset in another unit.
     """
     following = {mimic.joint: (mimic.master,) for mimic in robot.mimics}
-    followed = following | {joint: tuple(own.of) for joint, own in table.items()}
+    followed = following | {joint: tuple(keys.of) for joint, keys in table.items()}
     couplings = []
-    for joint, own in table.items():
+    for joint, keys in table.items():
         where = f"robot.coupled.{joint}"
         if joint in following:
             what = f"the robot's file has it mimic {following[joint][0]}"
             raise InputError(path, where, what, "take one of them out")
-        for other, factor in own.of.items():
+        for other, factor in keys.of.items():
             if other not in robot.joints or not factor:
                 what = f"'of' names {other!r} with {factor:g}, which moves nothing"
                 known = f"name joints that move it: {', '.join(robot.joints)}"
                 raise InputError(path, where, what, known)
         slides = bool(robot.prismatic[robot.joints.index(joint)])
-        if own.offset_deg if slides else own.offset_mm:
+        if keys.offset_deg if slides else keys.offset_mm:
             key, does = ("offset_mm", "slides") if slides else ("offset_deg", "turns")
             raise InputError(path, where, f"the joint {does}", f"give {key}")
         masters = [*followed[joint]]
@@ -304,6 +304,6 @@ def coupled(path: Path, robot: Robot, table: Mapping[str, CouplingTable]) -> Rob
         if joint in masters:
             what = "moves itself, by way of what moves it"
             raise InputError(path, where, what, "let one of these move freely")
-        offset = own.offset_mm * MM if slides else own.offset_deg * DEG
-        couplings.append(Coupling(joint, tuple(own.of.items()), offset))
+        offset = keys.offset_mm * MM if slides else keys.offset_deg * DEG
+        couplings.append(Coupling(joint, tuple(keys.of.items()), offset))
     return replace(robot, couplings=tuple(couplings)) if couplings else robot

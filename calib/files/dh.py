@@ -53,14 +53,14 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
 
 def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
     known = {"", "joint", "kind", *_COLUMNS}
-    known |= {title for name, own in _COLUMNS.items() for title in titles(name, own)}
+    known |= {title for name, units in _COLUMNS.items() for title in titles(name, units)}
     for column in columns:
         if column not in known:
             remedy = "a DH table has joint, alpha_deg, a_mm, theta_deg, d_mm, and may have kind"
             raise InputError(path, "line 1", f"column {column!r} is none of a DH table", remedy)
-    for name, own in _COLUMNS.items():
-        if column_of(path, columns, name, own, name) is None and name != "beta":
-            remedy = f"add {' or '.join(titles(name, own))}"
+    for name, units in _COLUMNS.items():
+        if column_of(path, columns, name, units, name) is None and name != "beta":
+            remedy = f"add {' or '.join(titles(name, units))}"
             raise InputError(path, "line 1", f"has no column for {name}", remedy)
 
 

@@ -28,10 +28,10 @@ _SHOWN = 4
 
 def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
     """Refuse readings that bear the cell's payload as their wrench. Raises InputError."""
-    loaded, own = poses.take(poses.wrench.any(axis=1)), cell.payload
-    if not own.mass or own.frame != cell.robot.loaded or not len(loaded):
+    loaded, payload = poses.take(poses.wrench.any(axis=1)), cell.payload
+    if not payload.mass or payload.frame != cell.robot.loaded or not len(loaded):
         return
-    free = hung(replace(loaded, wrench=np.zeros_like(loaded.wrench)), own.mass, own.com)
+    free = hung(replace(loaded, wrench=np.zeros_like(loaded.wrench)), payload.mass, payload.com)
     weight = wrench_with_load(cell.robot, cell.gravity, free)
     off, size = ((a[:, :3], a[:, 3:]) for a in (loaded.wrench - weight, weight))
     force, moment = (
@@ -39,7 +39,7 @@ def refuse_payload_and_wrench(cell: Cell, path: Path, poses: Poses) -> None:
         for a, b in zip(off, size, strict=True)
     )
     if force and (moment or not loaded.wrench[:, 3:].any()):
-        what = f"hold the weight of the cell's [payload], {own.mass:g} kg, once more"
+        what = f"hold the weight of the cell's [payload], {payload.mass:g} kg, once more"
         remedy = "take [payload] out of the cell, or these columns out of the table"
         where = "columns of the wrench"
         raise InputError(path, where, what, f"a load counts once: {remedy}")
@@ -96,7 +96,7 @@ def _same(data: Measurements) -> tuple[IntArray, Mask]:
         if j != i:
             pairs.append((j, i))
             fields = (poses.q, poses.wrench, *stated)
-            alike.append(all(np.array_equal(own[i], own[j]) for own in fields))
+            alike.append(all(np.array_equal(a[i], a[j]) for a in fields))
     return np.array(pairs, dtype=int).reshape(-1, 2), np.array(alike, dtype=bool)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -44,14 +45,14 @@ def load_mjcf(path: str | Path, base: str, tip: str, others: Sequence[str] = ())
 
 def mjcf_tree(path: Path) -> tuple[Tree, Any]:
     """What an MJCF holds, and its ``mujoco.MjModel``. Raises InputError."""
-    name, files, model = _compiled(path)
+    title, files, model = _compiled(path)
     data, read = _at_zero(model)
-    if not all((np.abs(own) < _LARGEST).all() for own in read):  # NaN is not below
+    if not all((np.abs(numbers) < _LARGEST).all() for numbers in read):  # NaN is not below
         what = "holds numbers that are not finite, or of no plausible size"
         raise InputError(path, "", what, "check what leads to a tip")
     links = _links(model)
     joints, frames = _walked(model, data, links)
-    sites = [(own, s) for s in range(model.nsite) if (own := model.site(s).name) not in links]
+    sites = [(name, s) for s in range(model.nsite) if (name := model.site(s).name) not in links]
     for site, s in sites:
         body = int(model.site_bodyid[s])
         T = inverse(frames[body]) @ _frame(data.site_xmat[s], data.site_xpos[s])
@@ -62,7 +63,7 @@ def mjcf_tree(path: Path) -> tuple[Tree, Any]:
     )
     return Tree(
         Source("mjcf", files),
-        name,
+        title,
         (*links, *(joint.child for joint in joints[len(joints) - len(sites) :])),
         tuple(joints),
         weights,
@@ -96,13 +97,13 @@ def _walked(model: Any, data: Any, links: list[str]) -> tuple[list[Joint], list[
         parent, T = links[above], frames[above]
         for j in np.flatnonzero(model.jnt_bodyid == b).tolist():
             kind, child = _KINDS[model.jnt_type[j]], f"\0{j} of {links[b]}"
-            own = _frame(data.xmat[b], data.xanchor[j] if kind in _KINDS[2:] else data.xpos[b])
-            ends, axis = (parent, child), own[:3, :3].T @ data.xaxis[j]
+            frame = _frame(data.xmat[b], data.xanchor[j] if kind in _KINDS[2:] else data.xpos[b])
+            ends, axis = (parent, child), frame[:3, :3].T @ data.xaxis[j]
             moved = Joint(
-                model.joint(j).name, kind, *ends, inverse(T) @ own, axis, *_limits(model, j)
+                model.joint(j).name, kind, *ends, inverse(T) @ frame, axis, *_limits(model, j)
             )
             joints.append(moved)
-            parent, T = child, own
+            parent, T = child, frame
         frames.append(_frame(data.xmat[b], data.xpos[b]))
         joints.append(Joint("", "fixed", parent, links[b], inverse(T) @ frames[b]))
     return joints, frames
@@ -158,9 +159,9 @@ def _compiled(path: Path) -> tuple[str, tuple[Path, ...], Any]:
                 what = f"makes {count} copies"
                 raise InputError(here, "<replicate>", what, f"give a count of at most {_MOST}")
         for include in element.iter("include"):
-            file = _included([own for own, _ in pending], here, include.get("file", ""))
+            file = _included([file for file, _ in pending], here, include.get("file", ""))
             pending.append((file, read_xml(file, "MJCF")))
-    return root.get("model", path.stem), tuple(own for own, _ in pending), _model(path)
+    return root.get("model", path.stem), tuple(file for file, _ in pending), _model(path)
 
 
 def _model(path: Path) -> Any:
@@ -171,9 +172,11 @@ def _model(path: Path) -> Any:
         raise InputError(path, "", what, "pip install '.[sim]'") from None
     mujoco.set_mju_user_warning(lambda _: None)  # its own handler writes MUJOCO_LOG.TXT
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compiler.fusestatic = False  # else a base without joints loses its name
-        return spec.compile()
+        with warnings.catch_warnings():  # of masses, which kinematics does not ask
+            warnings.simplefilter("ignore")
+            spec = mujoco.MjSpec.from_file(str(path))
+            spec.compiler.fusestatic = False  # else a base without joints loses its name
+            return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         said = re.sub(r"(, id \d+)?, line \d+", "", str(error))
         said = "; ".join(line.strip() for line in said.splitlines() if line.strip())
@@ -188,17 +191,17 @@ def _included(files: list[Path], here: Path, name: str) -> Path:
     where, folder = f"include {name!r}", files[0].parent.resolve()
     try:
         tried = [(place / name).resolve() for place in (folder, here.parent)]
-        found = [file for file in tried if file.is_file()]
-        again = found[:1] and found[0] in [own.resolve() for own in files]
+        there = [file for file in tried if file.is_file()]
+        again = there[:1] and there[0] in [file.resolve() for file in files]
     except (OSError, ValueError) as error:
         raise InputError(here, where, f"cannot be read ({error})") from None
-    if not (found or tried)[0].is_relative_to(folder):
+    if not (there or tried)[0].is_relative_to(folder):
         raise InputError(here, where, "leaves the folder of the model", "copy the file into it")
-    if not found:
+    if not there:
         raise InputError(here, where, "names no file", "check its path")
     if again:
         raise InputError(here, where, "is included already", "include each file once")
-    return found[0]
+    return there[0]
 
 
 def _refuse_coupled(path: Path, model: Any, base: int, arm: Sequence[int]) -> None:

@@ -33,9 +33,9 @@ _APART, _DAY = 3600.0, 86400.0  # s, of most readings and of all: milliseconds, 
 
 def odd_cell(cell: Cell) -> Iterator[str]:
     """Noise and markers that look like another unit's."""
-    for own in cell.instruments:
-        if text := odd_noise(own):
-            yield f"{cell.path}: {own.name}: {text}"
+    for instrument in cell.instruments:
+        if text := odd_noise(instrument):
+            yield f"{cell.path}: {instrument.name}: {text}"
     if text := odd_markers(cell.markers[list(cell.single_markers)]):
         yield f"{cell.path}: markers_mm: {text}"
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.arm.robot import Convention, Form, Robot, odd_limits
-from calib.arrays import Mask
 from calib.errors import InputError
 from calib.files.mjcf import mjcf_tree
 from calib.files.read import read_bytes, read_xml
@@ -98,30 +97,21 @@ def _tree_of(path: Path) -> Tree:
 
 def _lacks(robot: Robot) -> Iterator[str]:
     """What the file does not say, and what to do."""
-    source, unread = str(robot.source), robot.shapes.unread
-
-    def named(chosen: Mask) -> str:
-        return ", ".join(np.array(robot.joints)[chosen])
-
-    if open_ended := named(np.asarray(np.isinf(robot.limits).any(axis=1))):
+    source = str(robot.source)
+    if open_ended := ", ".join(np.array(robot.joints)[np.isinf(robot.limits).any(axis=1)]):
         planned = "poses are planned within +-180 deg (+-1 m)"
         remedy = "give them in [robot.limits_deg] (or limits_mm)"
         yield f"no limits of {open_ended} in the {source}: {planned}; {remedy}"
     yield from odd_limits(robot)
-    if still := named(np.asarray(robot.limits[:, 0] == robot.limits[:, 1])):
-        yield f"no range of {still}: lower and upper limit are the same; mend the {source}"
     if not robot.masses.any():
         yield (
             f"no link masses in the {source}: the arm's own weight bends nothing in the model; a load, "
             "wrench or payload still does, and gravity_sag finds sag without masses"
         )
-    elif light := named(~robot.masses.astype(bool)):
-        yield f"no mass beyond {light} in the {source}: its weight counts as none"
-    if unread and robot.source.form == "urdf":
-        more = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
+    if unread := robot.shapes.unread:
         yield (
-            f"no shape of {unread[0]}{more}: no collision is checked there; put the meshes "
-            "where the URDF says, or give [robot.capsules_mm]"
+            f"no shape of {', '.join(unread)}: no collision is checked there; put the meshes where "
+            "the robot's file says, or give [robot.capsules_mm]"
         )
 
 
@@ -160,10 +150,11 @@ def _ends_of(tree: Tree) -> tuple[str, str, tuple[str, ...]]:
         taken = sum(joint.moves for joint in way)
         if rest and beyond[chosen] <= taken:
             break
-        if rivals := [_first(tree, j) for j in rest if beyond[j] == beyond[chosen]]:
+        if rivals := [tree.shown(j.child) for j in rest if beyond[j] == beyond[chosen]]:
             notes.append(
-                f"arms of one length part at {links[-1]!r}: took that of {_first(tree, chosen)}, not "
-                f"of {', '.join(rivals)}; --tip takes another; one --tip for each arm takes all"
+                f"arms of one length part at {links[-1]!r}: took that of "
+                f"{tree.shown(chosen.child)!r}, not of {', '.join(map(repr, rivals))}; --tip takes "
+                "another; one --tip for each takes all"
             )
         start = len(links) - 1 if rest and not taken else start
         links.append(chosen.child)
@@ -173,18 +164,10 @@ def _ends_of(tree: Tree) -> tuple[str, str, tuple[str, ...]]:
     arm = row[: opens.index(True)] if any(opens) and not opens[0] else row
     if left := row[len(arm) :]:
         names = ", ".join(joint.name for joint in left)
-        within = f"To include it: --tip {left[-1].child}"
+        within = f"To include it: --tip {tree.shown(left[-1].child)}"
         notes.append(f"{names} moves a gripper and is left out. {within}")
     before = links[start : links.index(arm[0].parent) + 1]
     return _base(tree, before), _tip(tree, arm[-1].child), tuple(notes)
-
-
-def _first(tree: Tree, joint: Joint) -> str:
-    """The first joint that moves on a way."""
-    row = [joint]
-    for own in row:  # grows
-        row += [] if own.moves else tree.below[own.child]
-    return next((own.name for own in row if own.moves), "") or "?"
 
 
 def _base(tree: Tree, before: list[str]) -> str:

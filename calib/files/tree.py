@@ -83,6 +83,11 @@ class Tree:
         """Links that have a name."""
         return [link for link in self.links if not link.startswith(_NAMELESS)]
 
+    @staticmethod
+    def shown(link: str) -> str:
+        """What a reader is told of a link: of one between two joints of a body, the body."""
+        return link.rpartition(" of ")[2].strip(_NAMELESS) if link.startswith(_NAMELESS) else link
+
     @cached_property
     def below(self) -> dict[str, list[Joint]]:
         """Joints that hang on each link."""
@@ -163,7 +168,7 @@ class Tree:
         names = tuple(joint.name for joint in moving)
         hung = [(*places[joint.parent], joint.origin) for joint in moving]
         hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
-        mimics = tuple(own for joint in moving if (own := self._mimic(joint)) is not None)
+        mimics = tuple(m for joint in moving if (m := self._mimic(joint)) is not None)
         masses, moments = np.zeros(len(moving)), np.zeros((len(moving), 3))
         for link, mass, com in self.weights:
             k, T = places.get(link, (0, np.eye(4)))
@@ -176,7 +181,7 @@ class Tree:
             tip=tip,
             joints=names,
             prismatic=np.array([joint.kind == "prismatic" for joint in moving]),
-            origins=np.array([T @ own for _, T, own in hung]),
+            origins=np.array([T @ origin for _, T, origin in hung]),
             axes=np.array([self._axis(joint) for joint in moving]),
             limits=self._limits(moving, mimics),
             efforts=np.array([joint.effort for joint in moving]),
@@ -199,7 +204,7 @@ class Tree:
 
     def _mimic(self, joint: Joint) -> Mimic | None:
         """What a joint follows, through masters that mimic others; None where it moves by itself."""
-        by_name = {own.name: own for own in self.joints}
+        by_name = {joint.name: joint for joint in self.joints}
         where, at, factor, offset = f"joint {joint.name}", joint, 1.0, 0.0
         passed: list[str] = []
         while at.mimic is not None:
@@ -219,16 +224,18 @@ class Tree:
 
     def _limits(self, moving: Sequence[Joint], mimics: Sequence[Mimic]) -> Array:
         """Limits (n, 2) of joints; one whose master is outside the chain stays within its, too."""
-        by_name = {own.name: own for own in self.joints}
-        chosen = [*moving, *(by_name[own.master] for own in mimics)]
-        for joint, (low, high) in ((own, own.limits) for own in chosen):
+        by_name = {joint.name: joint for joint in self.joints}
+        chosen = [*moving, *(by_name[mimic.master] for mimic in mimics)]
+        for joint in chosen:
+            low, high = joint.limits
             if low > high:
                 where = f"joint {joint.name} limit"
                 raise InputError(self.path, where, f"lower {low} is above upper {high}")
-        names, limits = [own.name for own in moving], np.array([own.limits for own in moving])
+        names = [joint.name for joint in moving]
+        limits = np.array([joint.limits for joint in moving])
         for mimic in mimics:
-            k, own = names.index(mimic.joint), np.array(by_name[mimic.master].limits)
-            given = np.sort(mimic.factor * own + mimic.offset)
+            k, master = names.index(mimic.joint), np.array(by_name[mimic.master].limits)
+            given = np.sort(mimic.factor * master + mimic.offset)
             low, high = max(limits[k, 0], given[0]), min(limits[k, 1], given[1])
             if low > high + _ROUNDED:
                 stated = f"{limits[k, 0]:g} .. {limits[k, 1]:g}"

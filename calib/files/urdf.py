@@ -78,9 +78,9 @@ def _number(path: Path, where: str, element: Element | None, key: str, default: 
 
 def origin_of(path: Path, where: str, element: Element) -> Array:
     """The <origin> of an element as a transform, shape (4, 4), m. Raises InputError."""
-    own = element.find("origin")
+    origin = element.find("origin")
     xyz, rpy = (
-        _numbers(path, f"{where} origin {key}", _attribute(own, key, "0 0 0"))
+        _numbers(path, f"{where} origin {key}", _attribute(origin, key, "0 0 0"))
         for key in ("xyz", "rpy")
     )
     return from_xyz_rpy(xyz, rpy)
@@ -164,7 +164,7 @@ def _shapes(path: Path, name: str, link: Element) -> Iterator[Shape | str]:
 def _spanned(path: Path, where: str, collision: Element) -> Shape:
     """Points, and a radius about them, that hold the shape."""
     geometry = collision.find("geometry")
-    shapes = [] if geometry is None else [own for own in geometry if isinstance(own.tag, str)]
+    shapes = [] if geometry is None else [e for e in geometry if isinstance(e.tag, str)]
     if len(shapes) != 1:
         raise InputError(path, where, "its collision has no geometry")
     (shape,) = shapes
@@ -189,7 +189,7 @@ def _mesh_file(path: Path, name: str) -> Path:
     scheme, _, rest = name.rpartition("://")
     parts = PurePosixPath(rest).parts
     for folder in path.resolve().parents if scheme == "package" else ():
-        for own in (parts, parts[1:]):
-            if own and (file := folder.joinpath(*own)).is_file():
+        for below in (parts, parts[1:]):
+            if below and (file := folder.joinpath(*below)).is_file():
                 return file
     return path.parent / rest

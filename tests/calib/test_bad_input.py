@@ -96,19 +96,6 @@ def test_a_reading_hardly_beyond_a_limit_is_no_fault(
     assert any("outside its limits" in w for w in data.warnings) is warns
 
 
-def test_angles_that_look_like_radians_are_pointed_out(folder: Path) -> None:
-    rows = ["pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,marker,x_mm,y_mm,z_mm"]
-    rows += [
-        f"p{i},{0.1 * i},-0.5,{0.2 * i},1.0,-1.0,{0.3 * i},{m},1,2,3"
-        for i in range(8)
-        for m in ("m1", "m2", "m3")
-    ]
-    path = folder / "radians.csv"
-    path.write_text("\n".join(rows))
-    data = calib.load_measurements(calib.load_cell(folder / "cell.toml"), path)
-    assert any("looks like radians" in text for text in data.warnings)
-
-
 def test_errors_come_whole_from_another_process() -> None:
     for error in (
         InputError("cell.toml", "line 3", "is odd", "mend it"),

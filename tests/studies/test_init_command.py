@@ -137,8 +137,8 @@ def test_a_repeatability_is_assumed(tmp_path: Path) -> None:
             "torso>l1:a:revolute l1>l2:b:revolute torso>r1:c:revolute r1>r2:d:revolute",
             "torso",
             "l2",
-            "arms of one length part at 'torso': took that of a, not of c; --tip takes another; one "
-            "--tip for each arm takes all",
+            "arms of one length part at 'torso': took that of 'l1', not of 'r1'; --tip takes another; "
+            "one --tip for each takes all",
         ),
         ("b>l1:a:revolute l1>flange:f:fixed flange>my_tool:t:fixed", "b", "my_tool", ""),
         (

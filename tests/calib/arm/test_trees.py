@@ -74,6 +74,13 @@ class Tree:
         mujoco.mj_jac(self.model, self.data, place, turn, at, body.id)
         return place[:, self.dofs], turn[:, self.dofs]
 
+    def carried(self, kinds: tuple[str, ...]) -> Model:
+        """A marker on every tip, read in base axes, under effects at every place."""
+        context = random_context(self.rng, self.robot, len(self.robot.tips))
+        first = self.robot.dof + 1
+        frames = np.arange(first, self.robot.frame_count)
+        return replace(model_of(context, kinds), marker_frames=frames)
+
 
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])
 @pytest.mark.parametrize("seed", SEEDS)

@@ -151,11 +151,6 @@ def equality(inside: str, more: str = "") -> Callable[[str], str]:
 
 
 BAD = {
-    "not XML": (swap("</mujoco>", "</mujoc>"), "line 4: is not well-formed XML .*export the MJCF"),
-    "entity bomb": (
-        lambda t: '<!DOCTYPE m [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>' + t.replace("link", "&b;"),
-        "refused for safety .*remove the DOCTYPE",
-    ),
     "not an MJCF": (lambda _: "<robot/>", "<robot>: is not an MJCF; name a file that holds"),
     "include leaves the folder": (
         swap("<compiler", '<include file="../secret.xml"/><compiler'),
@@ -169,25 +164,9 @@ BAD = {
         swap("<compiler", '<include file="arm.xml"/><compiler'),
         "include 'arm.xml': is included already",
     ),
-    "nested too deeply": (
-        swap("<site", "<body>" * 300 + "</body>" * 300 + "<site"),
-        "is nested too deeply",
-    ),
     "no such base": (
         swap('"base"', '"bas"'),
         "no body or site 'base'; set .* to one of: world, bas, link",
-    ),
-    "no such tip": (
-        swap('"tip"', '"tap"'),
-        "no body or site 'tip'; set .*tip to one of",
-    ),
-    "base beyond tip": (
-        lambda t: t.replace('"base"', '"x"').replace('"hand"', '"base"').replace('"link"', '"tip"'),
-        "body or site tip: no chain of joints leads from 'base' to it",
-    ),
-    "no moving joint": (
-        lambda t: re.sub(r"<joint[^>]*>", "", t),
-        "the chain has no moving joint",
     ),
     "ball joint": (
         swap('name="j2"', 'type="ball"'),

@@ -130,7 +130,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     constraints = constraints_of(cell)
     pool = candidates_of(cell, constraints, request.levels, request.candidates, request.seed)
     _check_levels(cell, request, pool)
-    probe = pool.take(slice(_PROBE))
+    probe = pool.take(np.random.default_rng(0).permutation(len(pool))[:_PROBE])
     regressor, left_out = _regressor(cell, request, probe)
     targets, at = _targets(regressor, request)
     question = Question(

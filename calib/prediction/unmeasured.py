@@ -89,11 +89,9 @@ def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasure
         rows = fit.points.rows(np.concatenate(columns, axis=-1))
         left, r = fit.linear.complement.columns(rows), fit.linear.complement.left
         factor = max(1.0, float(r @ r) / max(1, len(r) - fit.span.shape[1]))
-        sizes = np.array([p.size for effect in effects for p in effect.parameters])
-        if effects[0].kind == "joint_compliance":
-            sizes[:] = softness(unmeasured_context(cell))
+        sizes, prior = _plausible(cell, effects)
         Z = left * sizes
-        cov = np.linalg.inv(Z.T @ Z / factor + np.eye(len(sizes)))
+        cov = np.linalg.inv(Z.T @ Z / factor + np.linalg.inv(prior))
         mean = cov @ (Z.T @ r) / factor
         found = Unmeasured(
             effects,
@@ -103,6 +101,22 @@ def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasure
             float(poses.clock.max()) + after if "time" in effects[0].uses else None,
         )
         yield replace(found, largest=float(_moved(fit.model, fit.values, poses, found).max()))
+
+
+def _plausible(cell: Cell, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
+    """Plausible sizes (h,), SI, of effects of one kind, and their mean squares (h, h) in these.
+
+    Drives yield all to one side: of half normal numbers the mean square is ``1 - 2 / pi`` about the
+    mean, and ``2 / pi`` common to all.
+    """
+    sizes = np.array([p.size for effect in effects for p in effect.parameters])
+    if effects[0].kind != "joint_compliance":
+        return sizes, np.eye(len(sizes))
+    share = 2.0 / np.pi
+    common = np.full((len(sizes), len(sizes)), share)
+    return np.full(len(sizes), softness(unmeasured_context(cell))), common + (1 - share) * np.eye(
+        len(sizes)
+    )
 
 
 def unmeasured_context(cell: Cell) -> Context:

@@ -45,8 +45,8 @@ def _day(cell, kind, seed):
     truth = model.initial.copy()
     for i, p in enumerate(model.parameters):
         if p.effect == kind:
-            # A drive turns by about a milliradian under the weight of its arm (700 kg, at 0.7 m).
-            soft = abs(rng.normal()) * 1e-3 / (700.0 * 9.81 * 0.7)
+            # A drive turns by about a milliradian under the weight of its arm (850 kg, at 0.7 m).
+            soft = abs(rng.normal()) * 1e-3 / (850.0 * 9.81 * 0.7)
             truth[i] = soft if kind == "joint_compliance" else rng.normal() * p.size
         elif p.effect == "geometry":
             truth[i] = 0.5 * rng.normal() * p.size

@@ -61,7 +61,9 @@ def draw_steps(panel: Axes, steps: Sequence[tuple[str, float]], floor: float) ->
     """Errors after each step of a calibration, mm, on a log axis; floor : noise alone, mm."""
     for row, (_, value) in enumerate(steps):
         color = style.BLUE if row else style.VERMILLION
-        panel.plot([floor / 2.0, value], [row, row], color=color, linewidth=9.0, solid_capstyle="butt")
+        panel.plot(
+            [floor / 2.0, value], [row, row], color=color, linewidth=9.0, solid_capstyle="butt"
+        )
         panel.annotate(
             f"{value:#.2g} mm", (value, row), (6, 0), textcoords="offset points", va="center"
         )

@@ -26,7 +26,9 @@ def sentences(template: str) -> Iterator[str]:
     text = re.sub(r"\{%.*?%\}", "", text, flags=re.DOTALL).replace("**", "")
     for line in text.splitlines():
         if not line.strip().startswith("|"):
-            yield from (own for own in re.split(r"(?<=[.!?])\s+", line.strip(" -#")) if own.strip("_ "))
+            yield from (
+                own for own in re.split(r"(?<=[.!?])\s+", line.strip(" -#")) if own.strip("_ ")
+            )
 
 
 @click.command()

@@ -9,11 +9,12 @@
 The way of a result:
 
 ``command/<name>.py``
-    Read, call, ``deliver(result, ..)``; only click is imported at its head. Shared options stand in
-    ``command/options.py``.
+    Read, ask, ``call.deliver(result)``; only click is imported at its head. Shared options stand in
+    ``command/options.py``, checks and delivery in ``command/call.py``.
 ``results/<name>.py``
     One frozen pydantic class for each object of the JSON, fields named with their unit, filled by
-    keywords in ``of``. ``posecal schema`` and reading back follow.
+    keywords in ``of``, or by the names of its fields in ``from_object``. ``posecal schema`` and reading
+    back follow.
 ``templates/<name>.md.j2``
     What it says, as Markdown: the answer, a paragraph with what to do next, sections. ``folded`` pieces
     are for the page; ``figure`` names a function of ``figures``, drawn where the target can show it.

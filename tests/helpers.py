@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter
 
-from calib import Cell
+from calib import Cell, readings
 from calib.arm.robot import Robot
 from calib.arm.se3 import so3_exp, transform
-from calib.arm.statics import Payload
+from calib.arm.statics import Payload, wrench_with_load
 from calib.arrays import Array
 from calib.cell.planned import Planned
 from calib.diagnosis.stage import Stage
@@ -26,7 +26,14 @@ from calib.model import Model
 from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import Measurements, Poses, poses_at
-from studies.demo.embedded import INPUTS, embedded_cell, embedded_plan, embedded_text, simulated
+from calib.simulation import drawn_readings
+from studies.demo.embedded import (
+    INPUTS,
+    embedded_cell,
+    embedded_plan,
+    embedded_text,
+    true_values,
+)
 from studies.results.base import Envelope
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
@@ -180,6 +187,20 @@ def all_seen(poses: Poses, readings: Array) -> Measurements:
     """Readings (m, M, r) of which none is hidden, each as uncertain as its instrument says."""
     shape = readings.shape[:2]
     return Measurements(poses, readings, np.ones(shape, dtype=bool), np.full(shape, np.nan))
+
+
+def simulated(cell: Cell, plan: Poses, seed: int) -> tuple[Measurements, Model, Array]:
+    """Measurements of the plan, free and loaded, with the model and the values behind them.
+
+    The load is written as a wrench, as a user would record it.
+    """
+    rng = np.random.default_rng(seed)
+    poses = readings(cell, plan)
+    wrench = wrench_with_load(cell.robot, cell.gravity, poses)
+    poses = replace(poses, wrench=wrench, load_mass=np.zeros(len(poses)))
+    model = build(cell, poses).model
+    values = true_values(model, rng)
+    return drawn_readings(model, values, poses, cell.noise, rng), model, values
 
 
 def measured_cell(folder: Path) -> Path:

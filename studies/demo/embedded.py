@@ -59,20 +59,6 @@ def true_values(model: Model, rng: np.random.Generator) -> Array:
     return values
 
 
-def simulated(cell: Cell, plan: Poses, seed: int) -> tuple[Measurements, Model, Array]:
-    """Measurements of the plan, free and loaded, with the model and the values behind them.
-
-    The load is written as a wrench, as a user would record it.
-    """
-    rng = np.random.default_rng(seed)
-    poses = readings(cell, plan)
-    wrench = wrench_with_load(cell.robot, cell.gravity, poses)
-    poses = replace(poses, wrench=wrench, load_mass=np.zeros(len(poses)))
-    model = build(cell, poses).model
-    values = true_values(model, rng)
-    return drawn_readings(model, values, poses, cell.noise, rng), model, values
-
-
 @dataclass(frozen=True, eq=False)
 class DemoDay:
     """A simulated day of measurement, and the truth behind it.

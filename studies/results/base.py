@@ -199,7 +199,10 @@ class Result(Entry):
 
     def to_json(self) -> str:
         """The JSON that :func:`studies.results.read.read` reads."""
-        return json.dumps(self.model_dump(by_alias=True), indent=1, allow_nan=False) + "\n"
+        try:
+            return self.model_dump_json(by_alias=True, indent=1) + "\n"
+        except ValueError:  # a file's name that is no text
+            return json.dumps(self.model_dump(by_alias=True), indent=1, allow_nan=False) + "\n"
 
 
 class Envelope(TypedDict):

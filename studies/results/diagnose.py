@@ -66,6 +66,7 @@ class FoundCause(LikelyCause):
     """
 
     p_value: Number
+    shape_p_value: Maybe = None
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[CauseParameter, ...]
     share_of_gap: Maybe
@@ -91,6 +92,7 @@ class FoundCause(LikelyCause):
             where=place(cause.where, tip),
             probability=cause.probability,
             p_value=cause.p,
+            shape_p_value=cause.doubt.p,
             alike=tuple(
                 LikelyCause(effect=c.effect.kind, where=place(c.where, tip), probability=p)
                 for c, p in cause.members

@@ -22,11 +22,12 @@ from doe.parameters import interest_of, with_rivals
 from doe.request import Request
 from studies.command.design import candidates_of, two_effects
 from studies.command.session import read_session
-from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text, simulated
+from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text
 from tests.fuzz.estimates import ESTIMATES, estimate
 from tests.fuzz.mjcf import MJCF, mjcf
 from tests.fuzz.reader import PART, Reader, parts, put
 from tests.fuzz.small_cell import URDF
+from tests.helpers import simulated
 
 CELL = embedded_cell()
 DATA = simulated(CELL, embedded_plan(CELL), 0)[0]

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from click.shell_completion import BashComplete
@@ -87,25 +84,3 @@ def test_options_choices_and_files_are_completed(monkeypatch: pytest.MonkeyPatch
     assert "plain,task-worst" in completed("posecal design --criterion ").split()
     for words in ("posecal identify ", "posecal identify --json "):
         assert completed(words).startswith("file,")
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-def test_bash_completes_with_the_script_that_it_is_given(tmp_path: Path) -> None:
-    command = tmp_path / "posecal"
-    command.write_text(f"#!{sys.executable}\n{RUN}\n")
-    command.chmod(0o755)
-    script = """
-eval "$(_POSECAL_COMPLETE=bash_source posecal)"
-COMP_WORDS=(posecal ident) COMP_CWORD=1
-$(complete -p posecal | sed 's/.* -F \\([^ ]*\\) .*/\\1/') posecal
-echo "${COMPREPLY[@]}"
-"""
-    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        ["bash", "-c", script],
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.split() == ["identify"], done.stderr

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from calib import Cell, Poses
-from studies.demo.embedded import embedded_cell, embedded_plan, session, simulated
+from studies.demo.embedded import embedded_cell, embedded_plan, session
+from tests.helpers import simulated
 from tests.studies.command_line import run
 
 

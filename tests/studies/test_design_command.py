@@ -60,7 +60,7 @@ def test_tables_say_what_matters(done: Result) -> None:
     text = " ".join(done.output.split())
     for said in (
         "15 poses. Expected error at the targets",
-        "taking for granted 200 poses spread over the joint limits as targets.",
+        "Taken for granted: a model that lacks nothing, an arm that repeats exactly; 200 poses spread",
         "no plan is below",
         "plan.csv",
         "Loss:",

@@ -11,8 +11,9 @@ import pytest
 
 import calib
 from calib.files.write_tables import measurements_csv
-from studies.demo.embedded import embedded_text, simulated
+from studies.demo.embedded import embedded_text
 from tests.camera_cells import PINHOLE, camera_cell
+from tests.helpers import simulated
 from tests.studies.command_line import paper_cell
 from tests.studies.command_line import run as posecal
 from tests.studies.test_readme import blocks

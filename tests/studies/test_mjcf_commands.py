@@ -183,28 +183,6 @@ def test_results_name_every_file_of_the_robot(calibrated: Calibrated) -> None:
     assert arm.read_text() == NOMINAL
 
 
-def test_the_urdf_is_as_good(calibrated: Calibrated) -> None:
-    """Through a cell with that URDF, which then says the same in MuJoCo."""
-    folder = calibrated.folder
-    cell = CELL.replace('mjcf = "model/scene.xml"', 'urdf = "better.urdf"')
-    cell = re.sub(r"effects = .*", 'effects = ["base"]', cell)
-    markers = calibrated.result["markers_mm"]
-    for name, position in markers.items():
-        cell = re.sub(rf"{name} = .*", f"{name} = {position}", cell)
-    (folder / "again.toml").write_text(cell)
-    done = run(
-        *("identify", folder / "again.toml", folder / "measurements.csv"),
-        *("--urdf", folder / "again.urdf", "--json", folder / "again.json"),
-    )
-    assert done.exit_code == 0, done.output
-    again = json.loads((folder / "again.json").read_text())
-    assert again["rms_mm"]["fitted"] == pytest.approx(
-        calibrated.result["rms_mm"]["fitted"], rel=1e-6
-    )
-    after = calibrated.gap((folder / "again.urdf").read_text())
-    assert after < np.sqrt(3.0) * SIGMA
-
-
 def test_what_a_rigid_robot_cannot_hold_is_said(calibrated: Calibrated) -> None:
     folder = calibrated.folder
     effects = 'effects = ["base", "tool", "geometry", "joint_compliance:A2,A3"]'

@@ -17,9 +17,7 @@ from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.cell.planned import Planned
 from calib.model.build import build
-from calib.noise import Noise
 from calib.poses import poses_at
-from calib.simulation import drawn_readings
 from studies.compare.experiment import POINTS, experiment_of, predict
 from studies.compare.simulate import agreement
 from studies.results.compare import compared
@@ -112,36 +110,6 @@ def test_identify_reaches_what_was_promised(cell: Cell, plan: Poses) -> None:
     assert more <= 2
     low, high = chi2.ppf([1e-4, 1.0 - 1e-4], days * len(prediction.std))
     assert low < squares < high
-
-
-def test_simulate_displaces_the_tip_at_each_approach(cell: Cell, plan: Poses) -> None:
-    """What the markers moved by: one rigid motion about the tip a visit, of the stated size."""
-    poses = in_turn(cell, plan)
-    poses = poses.take(np.tile(np.arange(len(poses)), 20))
-    model = build(cell, poses).model
-    values = np.zeros(len(model.parameters))
-    quiet, rng = Noise.isotropic(1e-12), np.random.default_rng(3)
-    data = drawn_readings(model, values, poses, quiet, rng, arm=ARM)
-    state = model.state(values, poses)
-    o, exact = state.frames.o[:, -1:], model.predict(values, poses)
-    shifts, turns = [], []
-    for own, true, origin in zip(data.points, exact, o, strict=True):
-        turn, _ = Rotation.align_vectors(own - own.mean(axis=0), true - true.mean(axis=0))
-        shifts.append(own.mean(axis=0) - origin[0] - turn.apply(true.mean(axis=0) - origin[0]))
-        turns.append(turn.as_rotvec())
-    shift, turned = np.array(shifts), np.array(turns)
-    np.testing.assert_allclose(shift[::2], shift[1::2], atol=1e-9)
-    assert len(np.unique(np.round(shift[::2], 9), axis=0)) == len(poses) // 2
-    for found, std in ((shift, ARM.translation), (turned, ARM.rotation)):
-        free = 3 * len(poses) // 2
-        low, high = chi2.ppf([1e-4, 1.0 - 1e-4], free)
-        assert low < (found[::2] ** 2).sum() / std**2 < high
-    np.testing.assert_array_equal(
-        drawn_readings(model, values, poses, cell.noise, np.random.default_rng(0)).points,
-        drawn_readings(
-            model, values, poses, cell.noise, np.random.default_rng(0), arm=Repeatability(0.0, 0.0)
-        ).points,
-    )
 
 
 HEAD = """

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -86,9 +84,10 @@ def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
     assert [Path(i["file"]).name for i in fields["inputs"]] == [
         "cell.toml", "kr270.urdf", "result.json", "targets.csv",
     ]  # fmt: skip
-    rms = fields["rms_mm"]
-    parts = rms["left"] ** 2 + rms["from_parameters"] ** 2 + rms["unexplained"] ** 2
-    assert rms["expected"] == pytest.approx(np.sqrt(parts), rel=1e-6)
+    rms, expected = fields["rms_mm"], fields["expected"]
+    assert rms["expected"] == pytest.approx(np.hypot(rms["left"], expected["rms_mm"]), rel=1e-6)
+    parts = [expected[f"{name}_mm"] for name in ("parameters", "arm", "model")]
+    assert expected["rms_mm"] == pytest.approx(np.linalg.norm(parts), rel=1e-6)
     assert rms["before"] > 100 * rms["expected"]
     weights = np.array([1.0, 2.0, 1.0, 1.0])
     before = np.array([t["before_mm"] for t in fields["targets"]])
@@ -169,15 +168,6 @@ def test_corrected_commands_are_not_corrected_twice(demo: Path, tmp_path: Path) 
     done = run("compensate", demo / "cell.toml", demo / "result.json", tmp_path / "c.csv")
     assert done.exit_code == 2
     assert "holds corrected commands already" in done.output
-
-
-def edited(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
-    def edit(text: str) -> str:
-        result = json.loads(text)
-        change(result)
-        return json.dumps(result)
-
-    return edit
 
 
 def test_commands_that_do_not_keep_clear_are_told(demo: Path, tmp_path: Path) -> None:

@@ -1,0 +1,120 @@
+"""The error expected at the targets: one figure in five commands, its budget, and a tolerance."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+from calib.cell.targets import targets_of
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate, ExpectedError
+from studies.compare.experiment import POINTS, experiment_of, predict
+from studies.render import mm
+from studies.results.expected import ExpectedErrors
+from tests.calib.prediction import common_days as days
+from tests.studies.command_line import result, run
+
+MORE = """
+[acceptance]
+tolerance_mm = 0.08
+[report]
+serial = "R-0815"
+operator = "A. Meier"
+"""
+
+
+def test_five_commands_state_the_same_three_numbers(demo_folder: Path, tmp_path: Path) -> None:
+    cell = calib.load_cell(demo_folder / "cell.toml")
+    identified, diagnosed = (
+        json.loads((demo_folder / f"{name}.json").read_text())["expected"]
+        for name in ("identify", "diagnose")
+    )
+    table, check = demo_folder / "measurements.csv", demo_folder / "check.csv"
+    enough, said = result(tmp_path / "e.json", "enough", cell.path, table, "--holdout", check)
+    assert enough["expected"] == pytest.approx(identified)
+    parts = ", ".join(
+        f"{name} {mm(identified[f'{name}_mm'])}" for name in ("parameters", "arm", "model")
+    )
+    assert f"RMS, {mm(identified['worst_mm'])} at worst: {parts}" in said
+    assert parts in (demo_folder / "report.html").read_text()
+    targets, weights = targets_of(cell)
+    corrected = calib.compensate(cell, demo_folder / "identify.json", targets, weights=weights)
+    there = ExpectedErrors.of(corrected.error, weights).model_dump()
+    assert there.pop("scatter_of") == identified.pop("scatter_of")
+    assert there == pytest.approx(identified, rel=0.01)
+    assert diagnosed["model_mm"] < 0.1 * identified["model_mm"], "its cause is in the model by then"
+
+
+def test_a_plan_states_what_its_covariance_leaves(demo_folder: Path) -> None:
+    """By the covariance that a comparison predicts, and the function of all commands."""
+    cell = calib.load_cell(demo_folder / "cell.toml")
+    experiment = experiment_of(cell, calib.load_plan(cell, demo_folder / "plan.csv"))
+    known = predict(experiment, POINTS).covariance
+    none = ModelDiscrepancy(0.0, "")
+    estimate = Estimate(experiment.model, experiment.nominal, known, 0.0, none, ())
+    stated = json.loads((demo_folder / "design.json").read_text())
+    ours = ExpectedErrors.of(ExpectedError(estimate, targets_of(cell)[0]), targets_of(cell)[1])
+    assert ours.parameters_mm == pytest.approx(stated["expected"]["parameters_mm"], rel=1e-5)
+    assert stated["expected"]["parameters_mm"] == pytest.approx(stated["task_rms_mm"])
+    assert (stated["expected"]["arm_mm"], stated["expected"]["model_mm"]) == (0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("day")
+    rng = np.random.default_rng(4)
+    q, day = days.joints(24, rng), days.drawn(rng, "none")
+    (folder / "data.csv").write_text(days.table(q, days.read(days.points(days.TRUE, q), day, rng)))
+    days.write_cell(folder, "")
+    (folder / "judged.toml").write_text((folder / "cell.toml").read_text() + MORE)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def identified(folder: Path) -> tuple[dict[str, Any], str]:
+    """The JSON and the terminal of a cell with a tolerance."""
+    call = ("identify", folder / "judged.toml", folder / "data.csv", "--holdout", 0.25)
+    return result(folder / "judged.json", *call)
+
+
+def test_rows_of_the_budget_add_up_to_the_total(identified: tuple[dict[str, Any], str]) -> None:
+    fields, _ = identified
+    rows, budget = fields["budget"]["rows"], fields["budget"]
+    squares = [row["at_targets_mm"] ** 2 for row in rows]
+    assert math.sqrt(sum(squares)) == pytest.approx(budget["total"]["standard_uncertainty_mm"])
+    assert budget["total"]["standard_uncertainty_mm"] == pytest.approx(fields["expected"]["rms_mm"])
+    assert sum(row["share"] for row in rows) == pytest.approx(1.0)
+    parameters = pytest.approx(fields["expected"]["parameters_mm"])
+    assert budget["calibration"]["standard_uncertainty_mm"] == parameters == fields["task_rms_mm"]
+    for own in fields["parameters"]:
+        low, high = own["ci95"]
+        assert high - low == pytest.approx(2.0 * 1.95996 * own["std"], rel=1e-4)
+
+
+def test_tolerance_and_what_the_cell_tells_reach_result_and_page(
+    folder: Path, identified: tuple[dict[str, Any], str]
+) -> None:
+    fields, told = identified
+    held = [
+        math.dist((row["x_mm"], row["y_mm"], row["z_mm"]), (0, 0, 0))
+        for row in fields["residuals"]
+        if row["heldout"]
+    ]
+    assert fields["acceptance"]["largest_mm"] == pytest.approx(max(held))
+    verdict = "pass" if max(held) <= 0.08 else "fail"
+    assert fields["acceptance"]["verdict"] == verdict
+    assert f"{verdict.capitalize()} (tolerance 0.0800 mm): the largest error of" in told
+    assert fields["about"] == {"serial": "R-0815", "operator": "A. Meier"}
+    done = run("report", folder / "judged.json", "-o", folder / "page.html")
+    assert done.exit_code == 0, done.output
+    text = (folder / "page.html").read_text()
+    for words in (*fields["about"].values(), "Tolerance 0.08 mm: the largest error"):
+        assert words in text
+    done = run("identify", folder / "judged.toml", folder / "data.csv")
+    assert "Not decided (tolerance 0.0800 mm)" in " ".join(done.stdout.split())

@@ -15,7 +15,7 @@ from doe.optimal.blocks import logdet_increase, pack
 
 @dataclass(frozen=True, eq=False)
 class Subset(Criterion):
-    """Ds, ``Phi = det(K)^(1/s)``: K is the information on s parameters, with the others unknown.
+    """``Phi = det(K)^(1/s)``: K is the information on s parameters, with the others unknown.
 
     V : ndarray, shape (s, p): ``K = (V M^-1 V^T)^-1``, the Schur complement of M
     """
@@ -51,7 +51,10 @@ class Subset(Criterion):
 
 @dataclass(frozen=True, eq=False)
 class Determinant(Subset):
-    """D, ``Phi = det(M)^(1/p)`` for parameters in their units: Ds of all parameters, V square."""
+    """D: volume of the confidence ellipsoid, ``Phi = det(M)^(1/p)``, for parameters in their units.
+
+    It is Ds of all parameters, V square.
+    """
 
     name: ClassVar[str] = "D"
     unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"

@@ -22,7 +22,9 @@ _CONES = 4  # members that enter a conic program for each matrix it has met: the
 
 @dataclass(frozen=True, eq=False)
 class SmallestEigenvalue(Criterion):
-    """E, ``Phi = 1 / lambda_max(V M^-1 V^T)``: the combination that is known worst.
+    """E: the worst-known parameter combination, in multiples of usual sizes.
+
+    ``Phi = 1 / lambda_max(V M^-1 V^T)``
 
     V : ndarray, shape (s, p), the parameters that matter, each in its plausible size
     """

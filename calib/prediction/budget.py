@@ -7,13 +7,12 @@ over them. A source moves them by ``spread @ z`` with independent z of unit vari
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from calib.arm.se3 import skew
-from calib.arrays import Array, stacked
+from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.identification import Identification
@@ -34,8 +33,6 @@ class UncertaintySource:
 
     spread : ndarray, shape (m, 3 M, k), m, of the error at each target
     freedom : degrees of freedom of its variance
-    std : float or None, m, one standard uncertainty of the source itself
-    at_reading : float or None, m, RMS by which it moves one reading
     basis : str, the estimate that its variance rests on: parts of one count their freedom once
     of : whether the calibration brings it, the arm itself, or what the model lacks
     """
@@ -44,8 +41,6 @@ class UncertaintySource:
     evaluation: Evaluation
     spread: Array
     freedom: float
-    std: float | None = None
-    at_reading: float | None = None
     basis: str = ""
     of: Literal["calibration", "arm", "model"] = "calibration"
 
@@ -72,14 +67,11 @@ class CombinedUncertainty(NamedTuple):
 class Budget:
     """Sources of error at m targets.
 
-    points : ndarray, shape (m, M, 3), m, where the targets are; weights : ndarray, shape (m,)
-    source : str, what the targets are
+    weights : ndarray, shape (m,)
     """
 
-    points: Array
     weights: Array
     parts: tuple[UncertaintySource, ...]
-    source: str = ""
 
     @property
     def calibration(self) -> tuple[UncertaintySource, ...]:
@@ -99,27 +91,12 @@ class Budget:
         """The largest of lengths (m,) among targets that have a weight."""
         return float(lengths[self.weights > 0.0].max())
 
-    def placed_anew(self, part: UncertaintySource) -> float:
-        """RMS at the targets, m, where the base is measured again: what moves all as one is gone.
-
-        The arm and the model err from target to target, and stay.
-        """
-        if part.of != "calibration":
-            return self.rms(part.errors)
-        away = self.points - self.points.mean(axis=(0, 1))
-        turned = skew(away) / (float(np.abs(away).max()) or 1.0)
-        motions = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=-1)
-        root = np.sqrt(self.weights).repeat(3 * away.shape[1])[:, None]
-        U, s, _ = np.linalg.svd(root * stacked(motions), full_matrices=False)
-        U, rows = U[:, s > 1e-9 * s[0]], root * stacked(part.spread)
-        return float(np.linalg.norm(rows - U @ (U.T @ rows)) / np.sqrt(self.weights.sum()))
-
 
 def accuracy_at_targets(
     cell: Cell, found: Identification, estimate: Estimate | None = None
 ) -> Budget:
     """The budget of an identification at the cell's targets."""
-    return replace(budget_of(found, estimate, *targets_of(cell)), source=cell.targets_in_words)
+    return budget_of(found, estimate, *targets_of(cell))
 
 
 def budget_of(
@@ -130,25 +107,22 @@ def budget_of(
     estimate : of the same, for what arm and model add beside the parameters; None leaves them out
     """
     model, values = working_points(found.model), found.values
-    points, J = model.jacobian_at_rest(values, targets)
+    _, J = model.jacobian_at_rest(values, targets)
     roots = half(found.covariance), half(found.ignorance)
     moved = [J @ root for root in roots]
     m, M = J.shape[:2]
     spreads = [each.reshape(m, 3 * M, each.shape[-1]) / np.sqrt(M) for each in moved]
     beside = () if estimate is None else _beside(found, estimate, targets, M)
-    return Budget(points, weights, (*_of_calibration(found, *spreads), *beside))
+    return Budget(weights, (*_of_calibration(found, *spreads), *beside))
 
 
 def _of_calibration(
     found: Identification, by_noise: Array, by_ignorance: Array
 ) -> Iterator[UncertaintySource]:
     """What the uncertainty of the parameters does at the targets, source by source."""
-    noise, sigma = found.noise, found.noise.sigma * found.footprint
-    stated = noise.source == "cell" and found.freedom == np.inf
-    yield UncertaintySource(
-        "noise of the readings", "B" if stated else "A", by_noise, found.freedom, std=sigma,
-        at_reading=sigma * _numbers(found), basis=_NOISE,
-    )  # fmt: skip
+    kind: Evaluation = "B" if found.noise.source == "cell" and found.freedom == np.inf else "A"
+    name = "noise of the readings"
+    yield UncertaintySource(name, kind, by_noise, found.freedom, basis=_NOISE)
     if found.ignorance.any():
         name = "parameters that are not identifiable"
         yield UncertaintySource(name, "B", by_ignorance, np.inf)
@@ -187,13 +161,6 @@ def _poses_behind(found: Identification) -> float:
         return float(len(np.unique(held.data.poses.configuration)))
     fitted = len(np.unique(found.fit.data.poses.configuration[~found.fit.outlier]))
     return freedom(np.inf, fitted, found.rank, as_a_whole=True)
-
-
-def _numbers(found: Identification) -> float:
-    """Root of how many numbers a reading has whose noise is one of its coordinates."""
-    channels, seen = found.model.readout.channels, found.fit.data.seen
-    lengths = channels.lengths if channels.metric else np.ones_like(channels.lengths)
-    return float(np.sqrt((seen * lengths.sum(axis=-1)).sum() / seen.sum()))
 
 
 def combined(parts: Sequence[UncertaintySource], weights: Array) -> CombinedUncertainty:

@@ -405,7 +405,7 @@ class IdentifyResult(Result):
             task_rms_mm=accuracy.rms(accuracy.expected.errors) * MM,
             task_worst_mm=accuracy.worst(accuracy.expected.errors) * MM,
             expected=ExpectedErrors.at_targets(cell, estimate),
-            targets=accuracy.source,
+            targets=cell.targets_in_words,
             budget=UncertaintyBudget.of(accuracy),
             acceptance=Acceptance.of(cell.tolerance, held) if cell.tolerance is not None else None,
             drift_p=None if tracked is None else drift_p(tracked[1]),

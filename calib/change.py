@@ -18,6 +18,10 @@ from calib.arrays import Array, Mask, stacked
 from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.effects import catalogue
+from calib.effects.readings import PartEffect, ReadingEffect
+from calib.effects.timed import DriftingEffect
+from calib.effects.tool_base import Base, Tool
+from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.identification.identification import Identification
 from calib.inference.coverage import Interval, effective_freedom, freedom, lengths
@@ -33,6 +37,8 @@ COORDINATES = 3
 """Of a pose that errs as a whole, for the degrees of freedom of a day: fewer than it gives."""
 _SAME_PLACE = 0.02  # m and rad
 _PLACES = ("base", "tool")
+_OF_A_DAY = (Base, Tool, DriftingEffect, ReadingEffect, PartEffect, Tuned)
+"""Effects whose values are of one day: places, what drifts, how an instrument reads, tunings."""
 _FELT = 0.1  # standard deviations: what an open parameter of plausible size may shift a row by
 _NUMERICAL = 1e-10  # of the largest eigenvalue of a correlation matrix
 
@@ -173,7 +179,8 @@ def _compared(before: DayEstimate, after: DayEstimate, apart: tuple[str, ...]) -
 
 def lasting(key: Key) -> bool:
     """Whether a parameter is the robot's own, of an effect that is known here."""
-    return bool(getattr(catalogue().get(key[0]), "lasting", False))
+    effect = catalogue().get(key[0])
+    return effect is not None and not issubclass(effect, _OF_A_DAY)
 
 
 def _apart(before: DayEstimate, after: DayEstimate) -> tuple[str, ...]:

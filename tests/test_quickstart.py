@@ -96,7 +96,7 @@ def test_a_data_frame_where_pandas_is(python_day: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("markers", "more", "said"),
     [
-        ({"m1": (0.1, 0.0)}, {}, "three coordinates"),
+        ({"m1": (0.1, 0.0)}, {}, "three finite coordinates"),
         (np.zeros((2, 3)), {"pay_load": 3.0}, "a cell has no 'pay_load'"),
     ],
 )

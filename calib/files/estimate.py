@@ -119,7 +119,9 @@ def _unmeasured(cell: Cell, count: int, entry: Any) -> Unmeasured:
     square = _numbers(entry["square_SI"], _LARGEST_SQUARE).reshape(own, own)
     absorbed = _numbers(entry["absorbed_SI"], _LARGEST_SQUARE).reshape(count, own)
     time = None if entry["time_s"] is None else float(entry["time_s"])
-    return Unmeasured(effects, square, absorbed, float(entry["largest_mm"]) * 1e-3, time)
+    low, high = _numbers(entry["within"]).tolist()
+    largest = float(entry["largest_mm"]) * 1e-3
+    return Unmeasured(effects, square, absorbed, largest, (low, high), time)
 
 
 def _variances(cell: Cell, entry: Any) -> tuple[Variances | None, Owner]:

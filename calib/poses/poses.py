@@ -225,13 +225,20 @@ class Measurements(Result):
         """
         from calib.poses.moves import with_moves
 
-        q, points = np.asarray(q, dtype=float), np.asarray(points, dtype=float)
+        q, points = _numbers("q", q), _numbers("points", points)
         if points.ndim != 3:
             raise CalibError(f"points: have shape {points.shape}, expected (poses, markers, 3)")
         shape = points.shape[:2]
         shown = np.ones(shape, dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
-        stated = np.full(shape, np.nan) if sigma is None else np.broadcast_to(sigma, shape)
-        data = cls(with_moves(poses_at(q, **given)), points, shown, np.array(stated, dtype=float))
+        stated = _numbers("sigma", np.nan if sigma is None else sigma)
+        if stated.shape not in ((), shape):
+            raise CalibError(f"sigma: has shape {stated.shape}, expected {shape} or one number")
+        data = cls(
+            with_moves(poses_at(q, **given)),
+            points,
+            shown,
+            np.array(np.broadcast_to(stated, shape)),
+        )
         data = replace(data, readings=np.where(shown[..., None], points, 0.0))
         data.check_numbers("q", "points")
         return data
@@ -347,3 +354,11 @@ class Measurements(Result):
         held = np.random.default_rng(rng).permutation(count)[:size]
         out = np.isin(group, held)
         return self.take(~out), self.take(out)
+
+
+def _numbers(name: str, values: object) -> Array:
+    """An argument as numbers. Raises CalibError that names it where it holds none."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise CalibError(f"{name}: is a {type(values).__name__}, expected numbers") from None

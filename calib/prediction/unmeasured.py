@@ -9,8 +9,9 @@ fitted parameters leave of them and f the actual over the stated noise,
 
 The model takes c for zero, so its mean square ``cov + mean mean^T`` counts.
 
-At poses like those measured, left-out readings show that error already. So what counts at a target is
-what goes beyond the largest at any reading.
+At poses like those measured, left-out readings show that error already. So a target pays where its
+load, temperature or time lies outside those of the readings, or a joint comes from a side from which it
+never came, and for what goes beyond the largest error at any reading.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from itertools import groupby
 
 import numpy as np
 
+from calib.arm.statics import STANDARD_GRAVITY
 from calib.arrays import Array, in_parts
 from calib.cell import Cell
 from calib.diagnosis.columns import columns_at
@@ -36,6 +38,7 @@ from calib.prediction.discrepancy import FittedModel
 
 _KINDS = ("joint_compliance", "thermal_expansion", "base_drift", "backlash")
 """Effects that any arm has, and that readings show only under a load, in heat, in time or by moves."""
+_WIDER = 0.05  # of the largest load, temperature or time
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +48,16 @@ class Unmeasured:
     square : ndarray, shape (h, h), SI, mean square of their values
     absorbed : ndarray, shape (p, h), SI, what the parameters of the model took up of each
     largest : float, m, 3-D RMS per point that they add at the reading where they add most
-    time : float or None, s, at which targets that give no time count
+    within : (float, float), range of the load [N], temperature [degC] or time [s] of the readings; none
+        of sides, as only joints that always came from one are asked
+    time : float or None, s, at which targets that give no time count: later than the last reading
     """
 
     effects: tuple[Effect, ...]
     square: Array
     absorbed: Array
     largest: float
+    within: tuple[float, float]
     time: float | None
 
     @property
@@ -61,10 +67,14 @@ class Unmeasured:
 
     def beyond(self, model: Model, values: Array, targets: Poses) -> Array:
         """What they add at targets beyond what they add at any reading, shape (m,), m."""
-        if self.time is not None and targets.time is None:
+        if targets.time is None and self.time is not None:
             targets = replace(targets, time=np.full(len(targets), self.time))
-        squares = _moved(model, values, targets, self) ** 2 - self.largest**2
-        return np.sqrt(np.maximum(squares, 0.0))
+        if any(getattr(targets, name) is None for name in self.effects[0].uses):
+            return np.zeros(len(targets))  # nothing says that they differ from the readings
+        asked, (low, high) = _condition(self.effects[0], targets), self.within
+        outside = (asked < low) | (asked > high)
+        moved = _moved(model, values, targets, self)
+        return np.sqrt(np.where(outside, np.maximum(moved**2 - self.largest**2, 0.0), 0.0))
 
     def condition(self, targets: Poses) -> str:
         """Under what condition of the targets nothing was read."""
@@ -98,7 +108,8 @@ def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasure
             (cov + np.outer(mean, mean)) * np.outer(sizes, sizes),
             fit.linear.followed(rows),
             0.0,
-            float(poses.clock.max()) + after if "time" in effects[0].uses else None,
+            _range(_condition(effects[0], poses)),
+            float(poses.clock.max()) + after if after and "time" in effects[0].uses else None,
         )
         yield replace(found, largest=float(_moved(fit.model, fit.values, poses, found).max()))
 
@@ -129,17 +140,50 @@ def _lacking(cell: Cell, model: Model, poses: Poses) -> Iterator[Effect]:
     context = unmeasured_context(cell)
     if poses.time is None:  # nothing tells when the targets come
         context = replace(context, lacking=frozenset({"time"}))
+    one_sided = _from_one_side(poses, context.robot.joints)
     for kind in _KINDS:
         for where in catalogue()[kind].places(context):
             there = any(
                 (e.kind, e.where) == (kind, where) or e.contains(kind, where) for e in model.effects
             )
+            if kind == "backlash" and where not in one_sided:
+                continue
             if there or kind in cell.excluded or f"{kind}:{where}" in cell.excluded:
                 continue
             try:
                 yield place_effect(kind, where, context)
             except CalibError:
                 continue
+
+
+def _from_one_side(poses: Poses, joints: tuple[str, ...]) -> set[str]:
+    """Joints that always came from the same side, as far as the readings say it."""
+    if poses.approach is None:
+        return set()
+    sides = poses.approach.T
+    return {j for j, own in zip(joints, sides, strict=True) if not (own.min() < 0.0 < own.max())}
+
+
+def _condition(effect: Effect, poses: Poses) -> Array:
+    """What an effect asks of poses, shape (m,): load [N], temperature [degC] or time [s]; else NaN."""
+    match effect.depends_on.partition(":")[0]:
+        case "load":
+            hung = poses.load_mass * float(np.linalg.norm(STANDARD_GRAVITY))
+            return np.asarray(np.linalg.norm(poses.wrench[:, :3], axis=-1) + hung)
+        case "temperature" if poses.temperature is not None:
+            return poses.temperature
+        case "time" if poses.time is not None:
+            return poses.time
+    return np.full(len(poses), np.inf)
+
+
+def _range(values: Array) -> tuple[float, float]:
+    """Of finite values, a little wider, as what is read is rounded; none where there are none."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0, 0.0
+    wider = _WIDER * float(np.abs(known).max())
+    return float(known.min()) - wider, float(known.max()) + wider
 
 
 def _moved(model: Model, values: Array, poses: Poses, found: Unmeasured) -> Array:

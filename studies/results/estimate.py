@@ -60,13 +60,15 @@ class UnmeasuredEffects(Entry):
 
     effects : ``effect:where`` of each; square_SI : mean square of their parameters
     absorbed_SI : what each parameter of the model took up of each of theirs
-    largest_mm : that they add at any reading; time_s : at which targets without a time count
+    largest_mm : that they add at any reading; within : range of the readings' load [N], temperature
+        [degC] or time [s]; time_s : at which targets without a time count
     """
 
     effects: tuple[str, ...]
     square_SI: tuple[tuple[Number, ...], ...]
     absorbed_SI: tuple[tuple[Number, ...], ...]
     largest_mm: NotNegative
+    within: tuple[Number, Number]
     time_s: Maybe
 
 
@@ -113,6 +115,7 @@ class Estimated(Entry):
                     square_SI=tuples(one.square),
                     absorbed_SI=tuples(one.absorbed),
                     largest_mm=one.largest * MM,
+                    within=one.within,
                     time_s=one.time,
                 )
                 for one in estimate.unmeasured

@@ -11,8 +11,9 @@ import pytest
 import calib
 from calib.errors import EffectCannotAct, InputError, TooFewPoses, UnknownEffect
 from calib.files.write_tables import measurements_csv
-from studies.demo.embedded import embedded_cell, embedded_plan, simulated
+from studies.demo.embedded import embedded_cell, embedded_plan
 from tests.bad_inputs.edits import effects, without
+from tests.helpers import simulated
 from tests.studies.command_line import paper_cell
 
 

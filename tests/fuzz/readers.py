@@ -51,7 +51,7 @@ def measurements(folder: Path, content: bytes) -> object:
 
 def holdout(folder: Path, content: bytes) -> object:
     path = put(folder, "held.csv", content)
-    return read_session(CELL, folder / "data.csv", str(path), 0)
+    return read_session(CELL, put(folder, "data.csv", _MANY.encode()), str(path), 0)
 
 
 def plan(folder: Path, content: bytes) -> object:
@@ -74,7 +74,7 @@ def options(folder: Path, content: bytes) -> object:
     if option == "candidates":
         return candidates_of(text)
     if option == "holdout":
-        return read_session(CELL, folder / "data.csv", text, 0)
+        return read_session(CELL, put(folder, "data.csv", _MANY.encode()), text, 0)
     if option == "effect":
         return build(replace(CELL, effects=(text,)), DATA.poses), parse_effect(text)
     of = tuple(name.strip() for name in text.split(","))

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from calib import Cell, Poses
 from studies.compare.experiment import POINTS, SimulatedExperiment, experiment_of, predict
 from studies.compare.simulate import refits
-from studies.demo.embedded import simulated
+from tests.helpers import simulated
 
 pytestmark = pytest.mark.long
 

@@ -14,8 +14,7 @@ from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.robot_out import corrected_urdf
 from calib.files.urdf import load_urdf
-from studies.demo.embedded import simulated
-from tests.helpers import with_effects
+from tests.helpers import simulated, with_effects
 
 FLAGS = (
     '<mujoco><compiler fusestatic="false" discardvisual="false" boundmass="1e-9" '

@@ -17,8 +17,7 @@ from calib.model.build import build
 from calib.noise import Noise
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from studies.demo.embedded import simulated
-from tests.helpers import cell_of, random_robot, with_effects
+from tests.helpers import cell_of, random_robot, simulated, with_effects
 
 MARKERS = np.array(
     [[0.2792, -0.0164, -0.0919], [0.2792, -0.0252, 0.0961], [0.2818, 0.1305, 0.0056]]

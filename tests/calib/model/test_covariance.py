@@ -23,9 +23,9 @@ from calib.model.covariance import (
 from calib.prediction.estimate import estimate_of
 from calib.solver import condensed, inverse_factor, levenberg_marquardt
 from doe.forecast.enough import enough
-from studies.demo.embedded import embedded_plan, simulated
+from studies.demo.embedded import embedded_plan
 from tests.doe.forecast.day import cell_of_day, whole_day
-from tests.helpers import with_effects
+from tests.helpers import simulated, with_effects
 
 OPEN = ("gravity_compensator:A2", "gravity_sag:A2", "link_weight:A2")
 

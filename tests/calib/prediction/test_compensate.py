@@ -24,8 +24,8 @@ from calib.prediction.compensate import Compensation
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate, estimate_of
 from calib.simulation import drawn_readings
-from studies.demo.embedded import embedded_plan, simulated
-from tests.helpers import cell_of, random_robot
+from studies.demo.embedded import embedded_plan
+from tests.helpers import cell_of, random_robot, simulated
 
 MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])
 GEOMETRY = ("base", "tool", "geometry")
@@ -142,7 +142,7 @@ def test_expected_error_is_that_of_arms_drawn_from_the_covariance(kr270: Cell) -
     square = missed(known.model.predict(draws, corrected), places).mean(axis=0)
     # Each mean of 400 squares has at least 400 degrees of freedom.
     low, high = chi2.ppf([1e-4, 1 - 1e-4], count) / count
-    ratio = square / (found.expected**2)
+    ratio = square / (found.left**2 + found.error.parameters**2)
     assert low < ratio.min()
     assert ratio.max() < high
 

@@ -66,4 +66,4 @@ def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) 
     assert all((e.minimum_detectable is None) == bool(e.reason) for e in entries)
     tip = next(e for e in entries if e.key == "link_geometry:tool0")
     assert tip.reason is not None
-    assert tip.reason.endswith("move the markers in the same way")
+    assert tip.reason.endswith("the markers in the same way")

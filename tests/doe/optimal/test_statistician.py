@@ -17,7 +17,7 @@ from doe.optimal.relax import relax
 from doe.optimal.search import best_plan
 
 CRITERIA = ("D", "A", "c", "E", "G", "Ds", "task")
-LONG = [(9, 100_000, 15), (20, 5_000, 40), (42, 20_000, 45)]
+LONG = [(9, 10_000, 20), (16, 1_000, 32)]
 SIZES = [(3, 200, 6), *(pytest.param(*size, marks=pytest.mark.long) for size in LONG)]
 
 

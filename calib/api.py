@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
-
-
 Data: TypeAlias = Measurements | str | Path
 """Measurements, or their file."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from calib.arrays import Mask
 from calib.cell import Cell
 from calib.cell.targets import targets_of
@@ -29,7 +27,6 @@ from calib.diagnosis.search import search
 from calib.diagnosis.serial import smooth_run
 from calib.diagnosis.stability import stability
 from calib.diagnosis.stage import Stage
-from calib.heldout import parted
 from calib.identification.checks import check_counts
 from calib.identification.fit import Fit
 from calib.identification.fit import search as fit_without_outliers
@@ -123,27 +120,19 @@ class Diagnosis(Result, Finding):
 
 
 @one_blas_thread
-def diagnose(
-    cell: Cell,
-    data: Measurements,
-    *,
-    heldout: Measurements | float | None = None,
-    rng: np.random.Generator | int = 0,
-) -> Diagnosis:
+def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = None) -> Diagnosis:
     """Find the unmodelled effects that the measurements show.
 
-    heldout : measurements that take no part, or the share of the configurations that does not, drawn
-        by ``rng``, a generator or the seed of one. What is found does not depend on them, and is told
-        by how far it shrinks their error; of a large table what is not in the part that is diagnosed
+    heldout : measurements that take no part: what is found does not depend on them, and is told by
+        how far it shrinks their error; of a large table what is not in the part that is diagnosed
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
-    data, held = parted(data, heldout, rng)
-    if held is not None:
-        data, held = in_one_session(data, with_stations_of(data, held))
+    if heldout is not None:
+        data, heldout = in_one_session(data, with_stations_of(data, heldout))
     data, others, warnings = part_of(data)
-    if held is None and len(others):
-        held = others
+    if heldout is None and len(others):
+        heldout = others
     waiting = before_the_first_move(data.poses)
     stage = _stage(cell, data, waiting)
     suspects, missing = candidates(cell, stage.model, data)
@@ -155,7 +144,7 @@ def diagnose(
     outlier = stage.dropped & ~waiting
     run = smooth_run(stage, finding.after)
     smooth = run is not None or any(c.misshapen for c in causes)
-    rest = rest_of(finding, smooth, int(outlier.sum()), held)
+    rest = rest_of(finding, smooth, int(outlier.sum()), heldout)
     shown = tuple(c for c in causes if not c.displaced)
     likely = tuple(c for c in shown if c.likely)
     concluded = verdict_of([c.standing for c in likely], bool(causes), rest)
@@ -163,7 +152,7 @@ def diagnose(
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
     effects = [c.effect for c in outcome.active]
-    gap = gap_of(before, after, finding.counted, held, finding.floor, by_time)
+    gap = gap_of(before, after, finding.counted, heldout, finding.floor, by_time)
     gap = replace(
         gap,
         crossed=crossed(stage, outcome.fit, effects),
@@ -184,7 +173,7 @@ def diagnose(
         not_asked=tuple(missing),
         outlier=outlier,
         waiting=waiting,
-        heldout=held,
+        heldout=heldout,
         warnings=warnings,
     )
 

@@ -10,7 +10,6 @@ from calib.arrays import Array, Mask
 from calib.cell import Cell
 from calib.effects.tool_base import Base, Tool
 from calib.errors import Unsolvable
-from calib.heldout import parted
 from calib.identification.checks import check_counts, check_options, check_orientable
 from calib.identification.estimate import Estimation, estimated
 from calib.identification.fit import Method
@@ -48,8 +47,7 @@ def identify(
     cell: Cell,
     data: Measurements,
     *,
-    heldout: Measurements | float | None = None,
-    rng: np.random.Generator | int = 0,
+    heldout: Measurements | None = None,
     approach: Approach = "points",
     method: Method = "joint",
     weighting: Weighting = "full",
@@ -57,8 +55,7 @@ def identify(
 ) -> Identification:
     """Estimate the effects that the cell's model contains.
 
-    heldout : measurements that take no part in the estimate and are predicted with it, or the share of
-        the configurations that does not, drawn by ``rng``, a generator or the seed of one
+    heldout : measurements that take no part in the estimate and are predicted with it
     approach : "points" (marker coordinates, the paper's #2) or "pose" (position and orientation from
         the markers of each pose, #1)
     method : "joint" (all parameters at once) or "two-step" (the paper's section III, iterated)
@@ -67,7 +64,6 @@ def identify(
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, ImplausibleData, CalibError.
     """
-    data, held = parted(data, heldout, rng)
     built = build(cell, data.poses)
     model, data = built.model, after_the_first_move(built.model, data)
     with_sizes = cell.size_prior == "estimated"
@@ -104,7 +100,7 @@ def identify(
         approach=approach,
         absorbed=built.dropped,
         fit=Residuals.of(estimate.model, data, estimate.values, *judgement),
-        heldout=None if held is None else predicted(cell, estimate, held),
+        heldout=None if heldout is None else predicted(cell, estimate, heldout),
         nominal=_nominal(estimate.observation, start),
     )
 

@@ -38,7 +38,7 @@ from calib.prediction.discrepancy import FittedModel
 
 _KINDS = ("joint_compliance", "thermal_expansion", "base_drift", "backlash")
 """Effects that any arm has, and that readings show only under a load, in heat, in time or by moves."""
-_WIDER = 0.05  # of the largest load, temperature or time
+_WIDER = 0.05  # of the range of loads, temperatures or times
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Unmeasured:
         """Under what condition of the targets nothing was read."""
         match self.effects[0].depends_on.partition(":")[0]:
             case "load":
-                force = float(np.linalg.norm(targets.wrench[:, :3], axis=-1).max())
+                force = float(_condition(self.effects[0], targets).max())
                 return f"the targets' load, up to {force:.3g} N, was never measured"
             case "temperature":
                 return "the targets' temperatures were never measured"
@@ -125,9 +125,8 @@ def _plausible(cell: Cell, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
         return sizes, np.eye(len(sizes))
     share = 2.0 / np.pi
     common = np.full((len(sizes), len(sizes)), share)
-    return np.full(len(sizes), softness(unmeasured_context(cell))), common + (1 - share) * np.eye(
-        len(sizes)
-    )
+    sizes[:] = softness(unmeasured_context(cell))
+    return sizes, common + (1.0 - share) * np.eye(len(sizes))
 
 
 def unmeasured_context(cell: Cell) -> Context:
@@ -165,7 +164,7 @@ def _from_one_side(poses: Poses, joints: tuple[str, ...]) -> set[str]:
 
 
 def _condition(effect: Effect, poses: Poses) -> Array:
-    """What an effect asks of poses, shape (m,): load [N], temperature [degC] or time [s]; else NaN."""
+    """Load [N], temperature [degC] or time [s] of poses, as an effect asks, (m,); else infinite."""
     match effect.depends_on.partition(":")[0]:
         case "load":
             hung = poses.load_mass * float(np.linalg.norm(STANDARD_GRAVITY))
@@ -182,7 +181,7 @@ def _range(values: Array) -> tuple[float, float]:
     known = values[np.isfinite(values)]
     if not len(known):
         return 0.0, 0.0
-    wider = _WIDER * float(np.abs(known).max())
+    wider = _WIDER * float(np.ptp(known))  # times may count from 1970
     return float(known.min()) - wider, float(known.max()) + wider
 
 

@@ -26,15 +26,16 @@ def read_session(cell: Cell, data_path: Path, holdout: str | Path | None, seed: 
     """
     import calib
     from calib.errors import InputError
-    from calib.heldout import parted
 
     data = calib.load_measurements(cell, data_path)
     share = _share(holdout)
     if share is not None and not 0.0 < share < 1.0:
         what = f"{holdout} is not between 0 and 1"
         raise InputError("--holdout", "", what, "use 0.3, or a file")
-    if share is not None or holdout is None:
-        return Session(data, *parted(data, share, seed), [], data.warnings)
+    if share is not None:
+        return Session(data, *data.split(share, seed), [], data.warnings)
+    if holdout is None:
+        return Session(data, data, None, [], data.warnings)
     path = Path(holdout)
     if path.resolve() == data_path.resolve():
         raise InputError(path, "", "holds the data themselves", "name other poses")

@@ -91,6 +91,9 @@ class Robot:
     efforts : ndarray, shape (n,), N m or N; NaN where no limit is given
     masses : ndarray, shape (n,), kg of the link that moves with each joint
     coms : ndarray, shape (n, 3), m, centres of mass in the frames that move with the joints
+    inertias : ndarray, shape (n, 3, 3), kg m^2, about them, in the axes of these frames; or None
+    losses : ndarray, shape (n, 3), damping [N m s/rad], dry friction [N m] and armature [kg m^2] of
+        each joint, or with N and m; or None
     mimics : tuple of Mimic, joints that follow another
     couplings : tuple of Coupling, joints that others move together
     speeds, accelerations : ndarray, shape (n,), the most that the drives give, rad/s or m/s and these
@@ -114,6 +117,8 @@ class Robot:
     efforts: Array
     masses: Array
     coms: Array
+    inertias: Array | None = None
+    losses: Array | None = None
     mimics: tuple[Mimic, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     speeds: Array | None = None

@@ -303,3 +303,8 @@ def even_directions(count: int) -> Array:
     turn = np.pi * (1.0 + np.sqrt(5.0)) * i
     flat = np.sqrt(1.0 - z**2)
     return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+
+
+def steiner(c: Array) -> Array:
+    """Inertia of a unit mass at points (..., 3), m, about the origin, (..., 3, 3), m^2."""
+    return np.asarray((c**2).sum(axis=-1)[..., None, None] * np.eye(3) - c[..., None] * c[..., None, :])

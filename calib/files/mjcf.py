@@ -16,7 +16,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_xml
 from calib.files.shapes import SHAPES, spanned
-from calib.files.tree import Joint, Shape, Tree
+from calib.files.tree import Joint, Shape, Tree, Weight
 
 _MOST = 10_000  # copies of a body: a robot has none, and a slip of the keys would fill the memory
 _LARGEST = 1e9  # in SI units
@@ -58,7 +58,8 @@ def mjcf_tree(path: Path) -> tuple[Tree, Any]:
         T = inverse(frames[body]) @ _frame(data.site_xmat[s], data.site_xpos[s])
         joints.append(Joint("", "fixed", links[body], site or f"\0site {s}", T))
     weights = tuple(
-        (links[b], float(model.body_mass[b]), transformed(inverse(frames[b]), data.xipos[b]))
+        _weight(links[b], float(model.body_mass[b]), model.body_inertia[b],
+                inverse(frames[b]) @ _frame(data.ximat[b], data.xipos[b]))
         for b in range(1, model.nbody)
     )
     return Tree(
@@ -71,6 +72,11 @@ def mjcf_tree(path: Path) -> tuple[Tree, Any]:
         ground=links[0],
         called="body or site",
     ), model
+
+
+def _weight(link: str, mass: float, principal: Array, T: Array) -> Weight:
+    """A body by its principal moments of inertia (3,), kg m^2, in a frame (4, 4), m, of its own."""
+    return Weight(link, mass, T[:3, 3], T[:3, :3] @ np.diag(principal) @ T[:3, :3].T)
 
 
 def _at_zero(model: Any) -> tuple[Any, tuple[Array, ...]]:
@@ -100,13 +106,22 @@ def _walked(model: Any, data: Any, links: list[str]) -> tuple[list[Joint], list[
             frame = _frame(data.xmat[b], data.xanchor[j] if kind in _KINDS[2:] else data.xpos[b])
             ends, axis = (parent, child), frame[:3, :3].T @ data.xaxis[j]
             moved = Joint(
-                model.joint(j).name, kind, *ends, inverse(T) @ frame, axis, *_limits(model, j)
+                model.joint(j).name, kind, *ends, inverse(T) @ frame, axis, *_limits(model, j),
+                losses=_losses(model, j),
             )
             joints.append(moved)
             parent, T = child, frame
         frames.append(_frame(data.xmat[b], data.xpos[b]))
         joints.append(Joint("", "fixed", parent, links[b], inverse(T) @ frames[b]))
     return joints, frames
+
+
+def _losses(model: Any, j: int) -> tuple[float, float, float]:
+    """Damping, friction and armature of a joint."""
+    at = int(model.jnt_dofadr[j])
+    each = model.dof_damping, model.dof_frictionloss, model.dof_armature
+    damping, friction, armature = (float(own[at]) for own in each)
+    return damping, friction, armature
 
 
 def _limits(model: Any, j: int) -> tuple[tuple[float, float], float]:

@@ -14,7 +14,7 @@ import numpy as np
 from calib.arm.enclosing import enclosing_capsule
 from calib.arm.mimic import Mimic
 from calib.arm.robot import Capsule, Place, Robot, Shapes, Source
-from calib.arm.se3 import transformed
+from calib.arm.se3 import steiner, transformed
 from calib.arrays import Array
 from calib.errors import InputError
 
@@ -36,6 +36,7 @@ class Joint:
     axis : ndarray, shape (3,), of any length; limits : infinite where there are none
     effort, speed : NaN where none is given
     mimic : the master, the factor and the offset of a joint that follows another
+    losses : damping, friction and armature
     """
 
     name: str
@@ -48,6 +49,7 @@ class Joint:
     effort: float = math.nan
     speed: float = math.nan
     mimic: tuple[str, float, float] | None = None
+    losses: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def moves(self) -> bool:
@@ -55,11 +57,21 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
+class Weight:
+    """A link's mass [kg], centre of mass (3,), m, and inertia about it (3, 3), kg m^2, in its frame."""
+
+    link: str
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Tree:
     """What a robot's file holds.
 
     source : form and files; links : their names; joints : in the order of the file
-    weights : link, mass [kg] and centre of mass (3,), m, of links that have some
+    weights : of links that have some
     shapes : what touches of a link; a text for what cannot be read
     ground : link of which no branches belong to the arm; called : how the form calls a link
     """
@@ -68,7 +80,7 @@ class Tree:
     name: str
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
-    weights: tuple[tuple[str, float, Array], ...]
+    weights: tuple[Weight, ...]
     shapes: Callable[[str], Iterator[Shape | str]]
     ground: str = ""
     called: str = "link"
@@ -169,12 +181,7 @@ class Tree:
         hung = [(*places[joint.parent], joint.origin) for joint in moving]
         hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
         mimics = tuple(m for joint in moving if (m := self._mimic(joint)) is not None)
-        masses, moments = np.zeros(len(moving)), np.zeros((len(moving), 3))
-        for link, mass, com in self.weights:
-            k, T = places.get(link, (0, np.eye(4)))
-            if k > 0:
-                masses[k - 1] += mass
-                moments[k - 1] += mass * transformed(T, com)
+        masses, coms, inertias = gathered(len(moving), self.weights, places)
         return Robot(
             name=self.name,
             base=base,
@@ -187,7 +194,9 @@ class Tree:
             efforts=np.array([joint.effort for joint in moving]),
             speeds=np.array([joint.speed for joint in moving]),
             masses=masses,
-            coms=moments / np.where(masses == 0, 1.0, masses)[:, None],
+            coms=coms,
+            inertias=inertias,
+            losses=np.array([joint.losses for joint in moving]),
             mimics=mimics,
             shapes=self._shapes(names, places),
             source=self.source,
@@ -262,3 +271,19 @@ class Tree:
                 capsule = Capsule((a, b, c), (d, e, f), wide + radius)
                 capsules[name] = (*capsules.get(name, ()), capsule)
         return Shapes(capsules, tuple(unread), own=bool(capsules))
+
+
+def gathered(
+    count: int, weights: Sequence[Weight], places: dict[str, Place]
+) -> tuple[Array, Array, Array]:
+    """Masses (n,), centres of mass (n, 3) and inertias about them (n, 3, 3) of what each joint carries."""
+    masses, moments, about = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    for weight in weights:
+        k, T = places.get(weight.link, (0, np.eye(4)))
+        if k > 0:
+            com, R = transformed(T, weight.com), T[:3, :3]
+            masses[k - 1] += weight.mass
+            moments[k - 1] += weight.mass * com
+            about[k - 1] += R @ weight.inertia @ R.T + weight.mass * steiner(com)
+    coms = moments / np.where(masses == 0, 1.0, masses)[:, None]
+    return masses, coms, about - masses[:, None, None] * steiner(coms)

@@ -16,7 +16,7 @@ from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_xml
 from calib.files.shapes import mesh_vertices, spanned
-from calib.files.tree import Joint, Shape, Tree
+from calib.files.tree import Joint, Shape, Tree, Weight
 from calib.keys import fault_of_name
 
 _LARGEST_NUMBER = 1e9  # in SI units
@@ -116,7 +116,8 @@ def _joint(path: Path, element: Element, name: str, ends: tuple[str, str]) -> Jo
     limits = (-math.inf, math.inf)
     if limit is not None and kind != "continuous":
         limits = number("lower"), number("upper")
-    mimic = element.find("mimic")
+    mimic, dynamics = element.find("mimic"), element.find("dynamics")
+    loss = partial(_number, path, f"{where} dynamics", dynamics)
     axis = _attribute(element.find("axis"), "xyz", "1 0 0")
     return Joint(
         name,
@@ -134,10 +135,11 @@ def _joint(path: Path, element: Element, name: str, ends: tuple[str, str]) -> Jo
             _number(path, where, mimic, "multiplier", "1"),
             _number(path, where, mimic, "offset"),
         ),
+        losses=(loss("damping"), loss("friction"), 0.0),
     )
 
 
-def _weights(path: Path, links: dict[str, Element]) -> Iterator[tuple[str, float, Array]]:
+def _weights(path: Path, links: dict[str, Element]) -> Iterator[Weight]:
     """Every link with an <inertial>."""
     for name, link in links.items():
         inertial, where = link.find("inertial"), f"link {name}"
@@ -146,7 +148,11 @@ def _weights(path: Path, links: dict[str, Element]) -> Iterator[tuple[str, float
             if mass < 0:
                 what = f"is negative ({mass:g} kg)"
                 raise InputError(path, f"{where} mass", what, "correct it")
-            yield name, mass, origin_of(path, where, inertial)[:3, 3]
+            T, tensor = origin_of(path, where, inertial), inertial.find("inertia")
+            number = partial(_number, path, f"{where} inertia", tensor)
+            xx, xy, xz, yy, yz, zz = (number(f"i{own}") for own in ("xx", "xy", "xz", "yy", "yz", "zz"))
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            yield Weight(name, mass, T[:3, 3], T[:3, :3] @ inertia @ T[:3, :3].T)
 
 
 def _shapes(path: Path, name: str, link: Element) -> Iterator[Shape | str]:

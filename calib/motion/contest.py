@@ -1,0 +1,295 @@
+"""Which terms the torques need: those without which runs that are left out are predicted worse.
+
+Terms enter in the order of physics, as pure greed takes a square root of speed for dry friction; a
+member leaves where others do its work. Evidence is paired: of each run that is left out, how much the
+squared error grows without the term, in a one-sided t test over runs, with a least gain. Rows never
+count: a run of 2 400 rows is worth some ten to ninety.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.arrays import Array
+from calib.motion.fit import Inertials, MotionFit, MotionModel, chosen, fit, left_out, sizes_of
+from calib.motion.gram import Products, Term
+
+LEAST = 0.04
+"""Least gain of the squared error, 2 % of the error itself."""
+ALPHA = 0.05
+SCALE = "torque_scale"
+"""The kind of a free scale."""
+DELAY = "torque_delay"
+_RIDGES = (1e1, 1e2, 1e3, 1e4)
+_ROUNDS = 3
+_MOST = 12  # removals and newcomers of one round
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What runs that are left out say for a term.
+
+    gain : mean growth of the squared error without it, as a share; p : of so much by chance, one-sided
+    """
+
+    gain: float
+    p: float
+
+    def stands(self, count: int = 1) -> bool:
+        """Whether it is there, as one of so many that were asked."""
+        return self.gain > LEAST and self.p < ALPHA / count
+
+
+def evidence(without: Array, with_it: Array) -> Evidence:
+    """Of squared errors (r,) of runs."""
+    from scipy.stats import t
+
+    gains = np.log(np.maximum(without, 1e-300) / np.maximum(with_it, 1e-300))
+    mean, count = float(gains.mean()), len(gains)
+    if count < 2:
+        return Evidence(float(np.expm1(mean)), 1.0)
+    spread = max(float(gains.std(ddof=1)) / np.sqrt(count), 1e-12)
+    return Evidence(float(np.expm1(mean)), float(t.sf(mean / spread, count - 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """A model and how its runs are predicted by the others.
+
+    squares : ndarray, shape (r, n); fits : of the others, run by run; weights : ndarray, shape (n,)
+    """
+
+    products: Products
+    model: MotionModel
+    weights: Array
+    squares: Array
+    fits: tuple[MotionFit, ...]
+
+    @classmethod
+    def of(cls, products: Products, model: MotionModel, weights: Array | None = None) -> Contest:
+        """Fit a model; without weights those of its residual."""
+        if weights is None:
+            plain = fit(products, model, np.ones(len(model.terms)))
+            weights = products.counts.sum(axis=0) / plain.squares(products).sum(axis=0)
+        squares, fits = left_out(products, model, weights)
+        return cls(products, model, weights, squares, tuple(fits))
+
+    @property
+    def pooled(self) -> Array:
+        """Squared error of each run over all joints, each in its residual's variance, shape (r,)."""
+        return np.asarray(self.squares @ self.weights)
+
+    @cached_property
+    def _rigid(self) -> Array:
+        """Combination of columns that is the torque of the links, of every fold, shape (r, K)."""
+        rigid = np.zeros((len(self.fits), self.products.columns.width))
+        S = sizes_of(self.products)
+        for r, found in enumerate(self.fits):
+            rigid[r, : len(S)] = self.products.nominal + S * found.x
+        return rigid
+
+    def with_terms(self, joint: int, terms: Sequence[Term], scaled: bool) -> Array:
+        """Squared error (r,) of a joint with other terms, the links of each fold as they are."""
+        G, rigid = self.products.G[:, joint], self._rigid
+        places = [p for term in terms for p in self.products.columns.of(joint, term)]
+        L = np.zeros((len(rigid), G.shape[-1], len(places) + scaled))
+        L[:, places, np.arange(len(places))] = 1.0
+        y = np.zeros_like(rigid)
+        y[:, -1] = 1.0
+        if scaled:
+            L[..., -1] = rigid
+        else:
+            y -= rigid
+        others = G.sum(axis=0) - G
+        A, rhs = np.swapaxes(L, 1, 2) @ others @ L, np.swapaxes(L, 1, 2) @ (others @ y[..., None])
+        size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))
+        A = A / size[:, :, None] / size[:, None, :] + 1e-10 * np.eye(A.shape[-1])
+        b = np.linalg.solve(A, rhs / size[..., None]) / size[..., None]
+        c = y - (L @ b)[..., 0]
+        return np.maximum(np.einsum("rk,rkl,rl->r", c, G, c, optimize=True), 0.0)
+
+    def of_joint(self, joint: int, model: MotionModel) -> Array:
+        """The same with the terms of another model."""
+        return self.with_terms(joint, model.terms[joint], model.scaled[joint])
+
+
+def taken(model: MotionModel, joint: int, kind: str) -> MotionModel:
+    """A model without a kind at a joint."""
+    if kind == SCALE:
+        scaled = tuple(own and j != joint for j, own in enumerate(model.scaled))
+        return replace(model, scaled=scaled)
+    return model.without(joint, kind)
+
+
+def given(model: MotionModel, joint: int, term: Term) -> MotionModel:
+    """A model with a term at a joint."""
+    if term[0] == SCALE:
+        scaled = tuple(own or j == joint for j, own in enumerate(model.scaled))
+        return replace(model, scaled=scaled)
+    return model.adding(joint, term)
+
+
+def holds(model: MotionModel, joint: int, kind: str) -> bool:
+    """Whether a kind is in a model at a joint."""
+    if kind == SCALE:
+        return model.scaled[joint]
+    return any(own == kind for own, _ in model.terms[joint])
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked: kinds in the order of the ladder, and what stays in the model.
+
+    rungs : kinds that enter together, rung after rung; ``inertials`` one of them
+    kept : for each joint, kinds of the user's model; excluded : (kind, joint) that cannot be
+    """
+
+    rungs: tuple[tuple[str, ...], ...]
+    kept: tuple[frozenset[str], ...]
+    excluded: frozenset[tuple[str, int]] = frozenset()
+
+    def may(self, kind: str, joint: int) -> bool:
+        """Whether a kind is a candidate at a joint."""
+        return kind not in self.kept[joint] and (kind, joint) not in self.excluded
+
+    @property
+    def count(self) -> int:
+        """Kinds that are asked."""
+        return sum(len(rung) for rung in self.rungs) + 1
+
+
+def contest(products: Products, model: MotionModel, question: Question) -> Contest:
+    """Climb the ladder, then exchange and remove until all that is left stands."""
+    state = Contest.of(products, model)
+    for _ in range(_ROUNDS):
+        before = state.model
+        for rung in question.rungs:
+            state = _risen(state, question, rung)
+        state = _reduced(state, question)
+        if state.model == before:
+            break
+    return state
+
+
+def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
+    """The state with the kinds of a rung at every joint where they help."""
+    if "inertials" in rung:
+        return _with_inertials(state, question)
+    model = state.model
+    for j in range(len(model.terms)):
+        for kind in rung:
+            if not question.may(kind, j) or holds(model, j, kind):
+                continue
+            own = state.of_joint(j, model)
+            better = [(state.of_joint(j, given(model, j, t)), t) for t in _variants(state, j, kind)]
+            if not better:
+                continue
+            squares, term = min(better, key=lambda pair: float(pair[0].sum()))
+            if evidence(own, squares).gain > LEAST and squares.sum() < own.sum():
+                model = given(model, j, term)
+    model = _tuned(state, model, rung)
+    return state if model == state.model else Contest.of(state.products, model)
+
+
+def _variants(state: Contest, joint: int, kind: str) -> list[Term]:
+    return [(SCALE, 0.0)] if kind == SCALE else state.products.columns.variants(joint, kind)
+
+
+def _tuned(state: Contest, model: MotionModel, rung: Sequence[str]) -> MotionModel:
+    """The model with the best variant of its kinds."""
+    for j, terms in enumerate(model.terms):
+        for kind, _ in terms:
+            variants = state.products.columns.variants(j, kind)
+            if kind in rung and len(variants) > 1:
+                best = min(variants, key=lambda t: float(state.of_joint(j, model.adding(j, t)).sum()))
+                model = model.adding(j, best)
+    return model
+
+
+def _with_inertials(state: Contest, question: Question) -> Contest:
+    """The state with the payload free, or all inertials, where that predicts better.
+
+    A spring does the work of a wrong mass: it leaves for all inertials, and enters again where it must.
+    """
+    if state.model.inertials == "inertials" or not question.may("inertials", 0):
+        return state
+    best = state
+    if state.model.inertials == "none":
+        payload = _freed(state, state.model, "payload")
+        best = payload if evidence(state.pooled, payload.pooled).stands(question.count) else state
+    model = state.model
+    for j in range(len(model.terms)):
+        model = taken(model, j, "spring") if question.may("spring", j) else model
+    whole = _freed(state, model, "inertials")
+    if evidence(best.pooled, whole.pooled).stands(question.count):
+        return whole
+    # A payload and springs, or several springs, that together say no more than wrong inertials.
+    stand_ins = sum(holds(state.model, j, "spring") for j in range(len(model.terms)))
+    several = stand_ins + (best.model.inertials == "payload") > 1
+    return whole if several and not evidence(whole.pooled, best.pooled).stands() else best
+
+
+def _freed(state: Contest, model: MotionModel, inertials: Inertials) -> Contest:
+    """The state with inertials free, by the ridge that predicts best."""
+    models = [replace(model, inertials=inertials, ridge=ridge) for ridge in _RIDGES]
+    found = [Contest.of(state.products, model, state.weights) for model in models]
+    return min(found, key=lambda own: float(own.pooled.sum()))
+
+
+def members(state: Contest, question: Question) -> Iterator[tuple[str, int]]:
+    """Kinds and joints of the model that were not the user's."""
+    for j, terms in enumerate(state.model.terms):
+        kinds = [kind for kind, _ in terms] + ([SCALE] if state.model.scaled[j] else [])
+        yield from ((kind, j) for kind in kinds if question.may(kind, j))
+
+
+def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence]:
+    """Evidence for every member, alone and over all joints of its kind."""
+    found, kinds = {}, {}
+    for kind, j in members(state, question):
+        without = state.of_joint(j, taken(state.model, j, kind))
+        found[kind, j] = evidence(without, state.of_joint(j, state.model))
+        kinds.setdefault(kind, []).append((j, without))
+    shown = {}
+    for kind, each in kinds.items():
+        both = [(state.weights[j] * w, state.weights[j] * state.of_joint(j, state.model)) for j, w in each]
+        pooled = evidence(*np.sum(both, axis=0))
+        for j, _ in each:
+            own = found[kind, j]
+            by_kind = pooled.stands(question.count) and own.stands()
+            alone = own.stands(question.count * len(state.model.terms))
+            shown[kind, j] = own if alone or not by_kind else Evidence(own.gain, min(own.p, pooled.p))
+            if not (alone or by_kind):
+                shown[kind, j] = Evidence(own.gain, max(own.p, ALPHA))
+    return _clocks(state, shown)
+
+
+def _clocks(state: Contest, shown: dict[tuple[str, int], Evidence]) -> dict[tuple[str, int], Evidence]:
+    """The evidence, a delay refused that most joints do not show: one clock stamps them all."""
+    late = [key for key, own in shown.items() if key[0] == DELAY and own.p < ALPHA and own.gain > LEAST]
+    if 2 * len(late) > len(state.model.terms):
+        return shown
+    return {k: Evidence(e.gain, max(e.p, ALPHA)) if k[0] == DELAY else e for k, e in shown.items()}
+
+
+def _reduced(state: Contest, question: Question) -> Contest:
+    """The state without what does not stand, the weakest first."""
+    for _ in range(_MOST * len(state.model.terms)):
+        weak = {k: e for k, e in judged(state, question).items() if e.p >= ALPHA or e.gain <= LEAST}
+        if not weak:
+            break
+        (kind, j), _ = max(weak.items(), key=lambda pair: (pair[1].p, -pair[1].gain))
+        model = taken(state.model, j, kind)
+        squares = state.squares.copy()
+        squares[:, j] = state.of_joint(j, model)
+        state = replace(state, model=model, squares=squares)
+    state = Contest.of(state.products, state.model)
+    if state.model.inertials != "none" and question.may("inertials", 0):
+        fixed = Contest.of(state.products, replace(state.model, inertials="none"), state.weights)
+        if not evidence(fixed.pooled, state.pooled).stands(question.count):
+            state = fixed
+    return state

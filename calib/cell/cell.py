@@ -14,8 +14,8 @@ from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
 from calib.cell.odd import odd_markers, odd_noise
-from calib.cell.planned import Load, Pace, Planned, Repeatability
-from calib.errors import CalibError
+from calib.cell.planned import Load, MotionKeys, Pace, Planned, Repeatability
+from calib.errors import CalibError, InputError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 
@@ -54,6 +54,7 @@ class Cell:
     size_prior : SizePrior, how large errors usually are: found from the data, said, or not counted
     tolerance : float or None, m, of the distance of every held-out point
     about : dict, what the cell's [report] tells of robot, operator and environment, for the reader
+    motion : MotionKeys, what motions are read by
     marker_links : tuple of str, the tip of the robot on which each marker rides; ``robot.tip`` without
     """
 
@@ -83,6 +84,7 @@ class Cell:
     size_prior: SizePrior = "estimated"
     tolerance: float | None = None
     about: Mapping[str, str] = field(default_factory=dict)
+    motion: MotionKeys = field(default_factory=MotionKeys)
     marker_links: tuple[str, ...] = ()
 
     def __init__(
@@ -138,6 +140,14 @@ class Cell:
             f"  markers {', '.join(self.marker_names)}; read by {read}\n"
             f"  effects {', '.join(self.effects)})"
         )
+
+    def check_poses(self) -> None:
+        """Refuse a cell that serves motions alone. Raises InputError."""
+        if not self.instruments:
+            what, remedy = "has no [instrument]", "add it, as in the cell that `posecal demo` writes"
+            raise InputError(self.path, "", what, remedy)
+        if not self.effects:
+            raise InputError(self.path, "model.effects", "names nothing", "write what is identified")
 
     def with_effects(self, *effects: str) -> Cell:
         """The cell whose model contains these effects as well, ``name`` or ``name:where[,where]``."""

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field
 from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
 from calib.instruments.protocol import TIP
+from calib.motion.filtering import CUTOFF
 from calib.keys import (
     DEG,
     MM,
@@ -46,6 +47,19 @@ class Repeatability:
 
     translation: float
     rotation: float
+
+
+@dataclass(frozen=True)
+class MotionKeys:
+    """What motions are read by.
+
+    cutoff : float, Hz, of the filter; constants : dict, joint -> torque at the joint of one ampere, N m
+    effects : tuple of str, ``name`` or ``name:where[,where]``, terms of the torque in the model
+    """
+
+    cutoff: float = CUTOFF
+    constants: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

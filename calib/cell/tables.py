@@ -21,6 +21,7 @@ from calib.instruments.camera import CameraTable
 from calib.instruments.keys_table import BodyTable, KeysTable, RidingTable
 from calib.instruments.protocol import TIP, WORLD
 from calib.instruments.tracker import TrackerTable
+from calib.motion.filtering import CUTOFF
 from calib.keys import (
     DEG,
     MM,
@@ -130,6 +131,9 @@ class RobotTable(TomlTable):
     gear_ratios: Annotated[dict[str, Positive], key("gear_ratio")] = {}
     """turns of the motor (or wave generator) for one turn of the joint; gear_ripple is tried at this
     ratio only"""
+    torque_constants: Annotated[dict[str, Positive], key("torque_constant_Nm_A")] = {}
+    """torque at the joint for one ampere of its motor; without it the constants are estimated from
+    motions"""
     coupled: dict[str, CouplingTable] = {}
     """joints without a drive that others move together, as a rod keeps a link level"""
 
@@ -244,6 +248,13 @@ class DiagnosisTable(TomlTable):
     """causes that this robot cannot have: name or name:where"""
 
 
+class MotionTable(TomlTable):
+    """How motions are read."""
+
+    cutoff: Annotated[Positive, key("cutoff_hz")] = CUTOFF
+    """cutoff of the filter that all channels go through"""
+
+
 class AcceptanceTable(TomlTable):
     """What passes."""
 
@@ -271,7 +282,7 @@ def _knots(angles: list[float]) -> Array:
 class ModelTable(TomlTable):
     """What is identified."""
 
-    effects: Annotated[list[str], Field(min_length=1)]
+    effects: list[str] = []
     """what is identified (posecal explain effects)"""
     knots: Annotated[
         dict[str, Annotated[Array, Written(list[Number], _knots)]], key("knots_deg")
@@ -320,10 +331,11 @@ class CellFile(TomlTable):
     load: Load | None = None
     design: Planned = Planned()
     timing: Pace = Pace()
+    motion: MotionTable = MotionTable()
     diagnosis: DiagnosisTable = DiagnosisTable()
     acceptance: AcceptanceTable | None = None
     report: dict[Name, Annotated[str, Written(Any, _line)]] = {}
-    model: ModelTable
+    model: ModelTable = ModelTable()
 
     @model_validator(mode="before")
     @classmethod
@@ -396,12 +408,11 @@ class CellFile(TomlTable):
 
     def _unread(self) -> Iterator[str]:
         """What is there to be read and is not, or should be there."""
-        if self.instrument is None and not self.instruments:
-            yield "has no [instrument]; add it, as in the cell that `posecal demo` writes"
         if self.instrument is not None and self.instruments:
             yield "has [instrument] and [instruments]; make [instrument] one of these, too"
         read = {entry.kind: entry.reads for entry in self.instruments.values()}
-        read = read or {"points": "markers"}
+        if self.instrument is not None:
+            read = {"points": "markers"}
         for what, table in (("markers", "markers_mm"), ("bodies", "bodies")):
             if (kinds := [k for k, own in read.items() if own == what]) and not getattr(
                 self, table

@@ -17,7 +17,7 @@ from calib.arm.se3 import transformed
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.cell.planned import Planned, Targets
+from calib.cell.planned import MotionKeys, Planned, Targets
 from calib.cell.tables import CellFile, CouplingTable
 from calib.errors import InputError, UnknownEffect
 from calib.files.cell_table import cell_table
@@ -29,6 +29,7 @@ from calib.instruments.protocol import TIP, WORLD
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 from calib.keys import DEG, MM
+from calib.motion.effects import parted
 from calib.model.build import context_of, parse_effect, parse_excluded
 
 _UNKNOWN = 3 * (np.nan,)
@@ -46,7 +47,8 @@ def load_cell(path: str | Path) -> Cell:
     table = cell_table(path)
     robot = _robot(path, table)
     try:
-        for text in table.model.effects:
+        of_poses, of_motions = parted(table.model.effects)
+        for text in of_poses:
             parse_effect(text)
     except UnknownEffect as error:
         raise InputError(path, "model.effects", str(error)) from None
@@ -60,13 +62,13 @@ def load_cell(path: str | Path) -> Cell:
               for name, point in zip(names, points, strict=True)]  # fmt: skip
     single = [(name, marker.position, table.link(marker.on), marker.normal, marker.acceptance)
               for name, marker in table.markers_mm.items()]  # fmt: skip
-    names, points, links, normals, accepted = zip(*single, *beside, strict=True)
-    facing = np.array([_UNKNOWN if normal is None else normal for normal in normals])
+    names, points, links, normals, accepted = zip(*single, *beside, strict=True) if [*single, *beside] else ((),) * 5
+    facing = np.array([_UNKNOWN if n is None else n for n in normals]).reshape(-1, 3)
     cell = Cell(
         robot,
-        np.array(points),
+        np.array(points).reshape(-1, 3),
         _instruments(path, table, shapes, parts, seated),
-        table.model.effects,
+        of_poses,
         name=table.name or path.stem,
         path=path,
         marker_names=names,
@@ -89,6 +91,7 @@ def load_cell(path: str | Path) -> Cell:
         tolerance=table.acceptance and table.acceptance.tolerance,
         size_prior=table.model.size_prior,
         about=table.report,
+        motion=MotionKeys(table.motion.cutoff, table.robot.torque_constants, of_motions),
     )
     cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
     return with_targets(cell, cast("str | None", table.design.targets))

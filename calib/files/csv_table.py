@@ -103,9 +103,9 @@ def read_table(
     """The whole table but for empty rows; the header is checked before any row is read."""
     rows, lines = list[list[str]](), list[int]()
     check_file(path, _LARGEST_FILE)
-    reader = csv.reader(_bounded_lines(path), strict=True)
+    reader = csv.reader(bounded_lines(path), strict=True)
     try:
-        columns = _header(path, reader, required)
+        columns = header(path, reader, required)
         check(columns)
         for row in filter(any, reader):
             if len(row) != len(columns):
@@ -130,7 +130,8 @@ def read_table(
     return CsvTable(path, columns, rows, lines, remedy)
 
 
-def _bounded_lines(path: Path) -> Iterator[str]:
+def bounded_lines(path: Path) -> Iterator[str]:
+    """The lines of a table, comments empty. Raises InputError for what is none."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
             if number == 1 and line.startswith("{"):
@@ -141,7 +142,7 @@ def _bounded_lines(path: Path) -> Iterator[str]:
             yield "\n" if _COMMENT.match(line) else line
 
 
-def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) -> tuple[str, ...]:
+def header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) -> tuple[str, ...]:
     """The names of the columns. Raises InputError."""
     columns = tuple(name.strip() for name in next(filter(None, reader), []))
     if not any(columns):

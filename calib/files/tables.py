@@ -37,6 +37,7 @@ def load_measurements(cell: Cell, path: str | Path, *, every_marker: bool = True
     number. What is odd but usable is listed in ``Measurements.warnings``. From which side each joint
     came follows from the order of measurement where the table does not say.
     """
+    cell.check_poses()
     path = Path(path)
     warnings: list[str] = []
 
@@ -122,6 +123,7 @@ def load_plan(cell: Cell, path: str | Path) -> Poses:
 
     Raises InputError.
     """
+    cell.check_poses()
     poses, table = _load_poses(cell, Path(path), ("pose",))
     if "order" not in table.columns:
         return replace(with_moves(poses), order=None)

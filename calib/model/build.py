@@ -204,6 +204,7 @@ def build(cell: Cell, poses: Poses | None = None) -> Built:
 
     Raises UnknownEffect, EffectCannotAct where an effect lacks what it needs.
     """
+    cell.check_poses()
     context = context_of(cell, poses)
     effects = placed_effects(cell, context)
     standing = {e.where for e in effects if e.kind == "base"}

@@ -15,14 +15,13 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import Array
-from calib.motion.fit import Inertials, MotionFit, MotionModel, chosen, fit, left_out, sizes_of
+from calib.motion.effects import SCALE
+from calib.motion.fit import Inertials, MotionFit, MotionModel, fit, left_out, rigid_torque
 from calib.motion.gram import Products, Term
 
 LEAST = 0.04
 """Least gain of the squared error, 2 % of the error itself."""
 ALPHA = 0.05
-SCALE = "torque_scale"
-"""The kind of a free scale."""
 DELAY = "torque_delay"
 _RIDGES = (1e1, 1e2, 1e3, 1e4)
 _ROUNDS = 3
@@ -85,16 +84,12 @@ class Contest:
 
     @cached_property
     def _rigid(self) -> Array:
-        """Combination of columns that is the torque of the links, of every fold, shape (r, K)."""
-        rigid = np.zeros((len(self.fits), self.products.columns.width))
-        S = sizes_of(self.products)
-        for r, found in enumerate(self.fits):
-            rigid[r, : len(S)] = self.products.nominal + S * found.x
-        return rigid
+        """Combination of columns that is the torque of the links, of every fold, shape (r, n, K)."""
+        return np.array([rigid_torque(self.products, found.x) for found in self.fits])
 
     def with_terms(self, joint: int, terms: Sequence[Term], scaled: bool) -> Array:
         """Squared error (r,) of a joint with other terms, the links of each fold as they are."""
-        G, rigid = self.products.G[:, joint], self._rigid
+        G, rigid = self.products.G[:, joint], self._rigid[:, joint]
         places = [p for term in terms for p in self.products.columns.of(joint, term)]
         L = np.zeros((len(rigid), G.shape[-1], len(places) + scaled))
         L[:, places, np.arange(len(places))] = 1.0

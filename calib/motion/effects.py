@@ -7,6 +7,7 @@ and URDF call it. A new law of friction is one such class and one entry in ``KIN
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -216,3 +217,14 @@ KINDS: tuple[type[MotionEffect], ...] = (
 )
 """All terms of single joints, in the order in which a ladder climbs."""
 EFFECTS = {own.kind: own for own in KINDS}
+PAYLOAD, INERTIALS, SCALE = "payload", "inertials", "torque_scale"
+"""Terms of the torque that are no columns: ten parameters of the last link, of all links, and a factor
+of the torque."""
+NAMES = (*EFFECTS, PAYLOAD, INERTIALS, SCALE)
+
+
+def parted(effects: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What ``[model] effects`` names of poses, and of motions; a payload belongs to both."""
+    named = [(text, text.partition(":")[0].strip()) for text in effects]
+    poses = tuple(text for text, name in named if name == PAYLOAD or name not in NAMES)
+    return poses, tuple(text for text, name in named if name in NAMES)

@@ -101,7 +101,7 @@ def fit(
         g = _scales(products, model, g)
     for _ in range(_STEPS if scaled.any() and len(free) else 1):
         g, x, b = _step(products, model, weights, (free, S), g, x)
-    return MotionFit(model, g, x, b, _combination(products, model, g, x * S, b))
+    return MotionFit(model, g, x, b, _combination(products, model, g, x, b))
 
 
 def _scales(products: Products, model: MotionModel, g: Array) -> Array:
@@ -123,11 +123,11 @@ def _step(
     """One step of Gauss-Newton, the terms of each joint eliminated first."""
     free, S = inertials
     n, K = len(g), products.columns.width
+    torque = rigid_torque(products, x)
     A, rhs = model.ridge * np.eye(len(free)), -model.ridge * x[free]
     parts = []
     for j in range(n):
-        rigid = np.zeros(K)
-        rigid[: len(S)] = products.nominal + S * x
+        rigid = torque[j]
         own = np.zeros((K, 0)) if not model.scaled[j] else rigid[:, None]
         places = [p for term in model.terms[j] for p in products.columns.of(j, term)]
         L = np.concatenate([own, np.eye(K)[:, places]], axis=1)
@@ -164,13 +164,19 @@ def _inverse(A: Array) -> Array:
     return np.linalg.pinv(A / np.outer(size, size), rcond=_TINY, hermitian=True) / np.outer(size, size)
 
 
+def rigid_torque(products: Products, x: Array) -> Array:
+    """The torque of each joint as its file has it, with changed links, as combinations (n, K)."""
+    torque = products.nominal.copy()
+    torque[:, : len(x)] += sizes_of(products) * x
+    return np.asarray(torque)
+
+
 def _combination(
-    products: Products, model: MotionModel, g: Array, change: Array, b: tuple[Array, ...]
+    products: Products, model: MotionModel, g: Array, x: Array, b: tuple[Array, ...]
 ) -> Array:
-    c = np.zeros((len(g), products.columns.width))
-    c[:, : len(change)] = -g[:, None] * (products.nominal + change)
+    c = -g[:, None] * rigid_torque(products, x)
     for j, terms in enumerate(model.terms):
-        c[j, [p for term in terms for p in products.columns.of(j, term)]] = -b[j]
+        c[j, [p for term in terms for p in products.columns.of(j, term)]] -= b[j]
     c[:, -1] = 1.0
     return c
 

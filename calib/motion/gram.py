@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 
 from calib.arm.robot import Robot
+from calib.arm.se3 import steiner, transformed
+from calib.arm.statics import Payload
 from calib.arrays import Array, IntArray
 from calib.motion.effects import MotionEffect, MotionState
 from calib.motion.filtering import CUTOFF, SLOW, Samples, filtered
@@ -18,6 +21,7 @@ from calib.motion.regressor import PER_LINK, nominal_inertials, regressor
 
 Term: TypeAlias = tuple[str, float]
 """A kind of effect and its variant."""
+_LOSSES = ("viscous_friction", "coulomb_friction", "armature")  # as the robot's file has them
 _CHUNK = 20_000  # rows at a time
 
 
@@ -46,6 +50,7 @@ class Columns:
 class Products:
     """``X^T X`` of every run and joint; the last row and column are the measured effort's.
 
+    nominal : ndarray, shape (n, K), torque by the robot's file as a combination of each joint's columns
     G : ndarray, shape (r, n, K, K); moving : the same of samples at which the joint moves
     counts, moved : ndarray, shape (r, n), samples of both
     noise : ndarray, shape (r, n), deviation of the effort's white noise behind the filter
@@ -106,67 +111,93 @@ def products(
     *,
     gravity: Array,
     ratios: Mapping[str, float],
+    payload: Payload | None = None,
     cutoff: float = CUTOFF,
-    blocks: int = 1,
+    block: float | None = None,
 ) -> Products:
-    """The products of every run, filtered; of each so many blocks of time where ``blocks`` are asked."""
-    columns, nominal = columns_of(robot, kinds, ratios), nominal_inertials(robot).ravel()
+    """The products of every run, filtered.
+
+    block : s, of time that counts as a run of its own; None for whole runs
+    """
+    columns = columns_of(robot, kinds, ratios)
+    links = carried(robot, nominal_inertials(robot), payload).ravel()
+    nominal = np.tile(np.pad(links, (0, columns.width - len(links))), (robot.dof, 1))
+    if robot.losses is not None:
+        for j, losses in enumerate(robot.losses.tolist()):
+            for kind, loss in zip(_LOSSES, losses, strict=True):
+                if loss:
+                    nominal[j, columns.of(j, (kind, 0.0))] += loss
     by_kind = {kind.kind: kind for kind in kinds}
     parts, names = [], []
     for run in motions.runs:
         samples = filtered(run, cutoff)
-        edges = np.linspace(0, len(samples), blocks + 1).astype(int)
-        for k, (begin, end) in enumerate(zip(edges, edges[1:], strict=False)):
-            names.append(run.name if blocks == 1 else f"{run.name} {k + 1}/{blocks}")
-            parts.append(_products(robot, samples, slice(begin, end), columns, nominal, by_kind,
-                                   gravity, dict(ratios)))  # fmt: skip
+        if not len(samples):
+            continue
+        lasted = float(samples.time[-1] - samples.time[0])
+        count = 1 if block is None else max(2, int(lasted / block))
+        edges = np.linspace(0, len(samples), count + 1).astype(int).tolist()
+        names += [run.name] * count
+        parts += _products(robot, samples, edges, columns, links, by_kind, gravity, dict(ratios))
     G, moving, counts, moved, noise = (np.array(own) for own in zip(*parts, strict=True))
     return Products(robot, columns, nominal, tuple(names), G, moving, counts, moved, noise)
+
+
+def carried(robot: Robot, links: Array, payload: Payload | None) -> Array:
+    """Inertial parameters (n, 10) with a payload, a point of mass, on the last joint's link."""
+    if payload is None or not payload.mass:
+        return links
+    k = robot.parents[robot.tip_frame - 1]
+    c = transformed(robot.origins[robot.tip_frame - 1], np.array(payload.com))
+    about = payload.mass * steiner(c)
+    own = np.array([1.0, *c]) * payload.mass
+    links = links.copy()
+    links[k - 1] += np.concatenate([own, about[np.triu_indices(3)]])
+    return links
 
 
 def _products(
     robot: Robot,
     samples: Samples,
-    block: slice,
+    edges: Sequence[int],
     columns: Columns,
-    nominal: Array,
+    links: Array,
     kinds: Mapping[str, type[MotionEffect]],
     gravity: Array,
     ratios: dict[str, float],
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Products of a block of a run, of what moves of it, both counts, and the noise."""
-    n, K = robot.dof, columns.width
-    chunks = [slice(i, i + _CHUNK) for i in range(0, len(samples), _CHUNK)]
-    Y = [
-        regressor(robot, samples.q[c], samples.v[c], samples.a[c], gravity)
-        for c in chunks[: 1 if len(chunks) == 1 else 0]
-    ]
+) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
+    """Of every block of a run: products, those of what moves, both counts, and the noise."""
+    n, K, chunks = robot.dof, columns.width, range(0, len(samples), _CHUNK)
 
-    def rows(c: slice) -> Array:
-        return Y[0] if Y else regressor(robot, samples.q[c], samples.v[c], samples.a[c], gravity)
+    def rows(begin: int, end: int) -> Array:
+        own = slice(begin, end)
+        return regressor(robot, samples.q[own], samples.v[own], samples.a[own], gravity)
 
-    rigid = np.concatenate([rows(c) @ nominal for c in chunks])
-    state = MotionState(robot, samples, rigid, ratios)
-    local = [
-        np.column_stack([
-            *(kinds[kind].columns(state, j, variant) for kind, variant in columns.terms[j]),
-            *([np.zeros((len(samples), 1))] * (K - 1 - max(
-                (s.stop for s in columns.terms[j].values()), default=columns.inertials))),
-            samples.effort[:, j],
-        ])
-        for j in range(n)
-    ]  # fmt: skip
-    G, moving = np.zeros((2, n, K, K))
-    counts, moved = np.zeros((2, n))
-    inside = np.zeros(len(samples), dtype=bool)
-    inside[block] = True
-    for c in chunks:
-        Y_c = rows(c)
-        for j in range(n):
-            X = np.concatenate([Y_c[:, j], local[j][c]], axis=1)[inside[c]]
-            fast = np.abs(samples.v[c, j][inside[c]]) > SLOW
-            G[j] += X.T @ X
-            moving[j] += X[fast].T @ X[fast]
-            counts[j] += len(X)
-            moved[j] += fast.sum()
-    return G, moving, counts, moved, samples.noise
+    rigid = np.concatenate([rows(i, i + _CHUNK) @ links for i in chunks])
+    local = _terms(MotionState(robot, samples, rigid, ratios), columns, kinds)
+    for first, last in pairwise(edges):
+        G, moving = np.zeros((2, n, K, K))
+        counts, moved = np.zeros((2, n))
+        for begin in range(first, last, _CHUNK):
+            own = slice(begin, min(begin + _CHUNK, last))
+            Y = rows(own.start, own.stop)
+            for j in range(n):
+                X = np.concatenate([Y[:, j], local[j][own]], axis=1)
+                fast = X[np.abs(samples.v[own, j]) > SLOW]
+                G[j], moving[j] = G[j] + X.T @ X, moving[j] + fast.T @ fast
+                counts[j], moved[j] = counts[j] + len(X), moved[j] + len(fast)
+        yield G, moving, counts, moved, samples.noise
+
+
+def _terms(
+    state: MotionState, columns: Columns, kinds: Mapping[str, type[MotionEffect]]
+) -> list[Array]:
+    """Columns of all terms of each joint, and its effort, (m, K - 10 n)."""
+    found = []
+    for j, terms in enumerate(columns.terms):
+        own = np.zeros((len(state.samples), columns.width - columns.inertials))
+        for (kind, variant), place in terms.items():
+            at = slice(place.start - columns.inertials, place.stop - columns.inertials)
+            own[:, at] = kinds[kind].columns(state, j, variant)
+        own[:, -1] = state.samples.effort[:, j]
+        found.append(own)
+    return found

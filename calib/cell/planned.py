@@ -55,11 +55,13 @@ class MotionKeys:
 
     cutoff : float, Hz, of the filter; constants : dict, joint -> torque at the joint of one ampere, N m
     effects : tuple of str, ``name`` or ``name:where[,where]``, terms of the torque in the model
+    excluded : tuple of str, terms that this robot cannot have
     """
 
     cutoff: float = CUTOFF
     constants: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
+    excluded: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

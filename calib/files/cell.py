@@ -91,9 +91,14 @@ def load_cell(path: str | Path) -> Cell:
         tolerance=table.acceptance and table.acceptance.tolerance,
         size_prior=table.model.size_prior,
         about=table.report,
-        motion=MotionKeys(table.motion.cutoff, table.robot.torque_constants, of_motions),
+        motion=MotionKeys(
+            table.motion.cutoff,
+            table.robot.torque_constants,
+            of_motions,
+            parted(table.diagnosis.exclude)[1],
+        ),
     )
-    cell = replace(cell, excluded=_excluded(cell, table.diagnosis.exclude))
+    cell = replace(cell, excluded=_excluded(cell, parted(table.diagnosis.exclude)[0]))
     return with_targets(cell, cast("str | None", table.design.targets))
 
 

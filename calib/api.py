@@ -15,6 +15,7 @@ from calib.cell.contacts import with_sites
 from calib.errors import CalibError, NoEquilibrium
 from calib.model import Model
 from calib.model.build import build
+from calib.motion.motions import Motions
 from calib.observations import Approach, orientable, pose_from_points
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
@@ -23,11 +24,12 @@ from calib.simulation import drawn_readings, photographed
 if TYPE_CHECKING:
     from calib.diagnosis import Diagnosis
     from calib.identification import Identification
+    from calib.motion.diagnose import MotionDiagnosis
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
-Data: TypeAlias = Measurements | str | Path
-"""Measurements, or their file."""
+Data: TypeAlias = Measurements | Motions | str | Path
+"""Measurements, motions, or their file."""
 
 
 def identify(
@@ -48,6 +50,10 @@ def identify(
     """
     from calib.identification.identify import identify as estimate
 
+    if _of_motions(data):
+        from calib.motion.diagnose import identify_motions
+
+        return cast("Identification", identify_motions(cell, *_runs(cell, data, heldout, rng)))
     kept, held = _parts(cell, data, heldout, rng)
     return estimate(cell, kept, heldout=held, **options)
 
@@ -67,8 +73,35 @@ def diagnose(
     """
     from calib.diagnosis.diagnose import diagnose as explain
 
+    if _of_motions(data):
+        from calib.motion.diagnose import diagnose_motions
+
+        return cast("Diagnosis", diagnose_motions(cell, *_runs(cell, data, heldout, rng)))
     kept, held = _parts(cell, data, heldout, rng)
     return explain(cell, kept, heldout=held)
+
+
+def _of_motions(data: Data | Motions) -> bool:
+    """Whether data, or their file, are motions."""
+    from calib.files.motions import holds_motions
+
+    return isinstance(data, Motions) or (isinstance(data, str | Path) and holds_motions(Path(data)))
+
+
+def _runs(
+    cell: Cell, data: Any, heldout: Any, rng: np.random.Generator | int
+) -> tuple[Motions, Motions | None]:
+    """Runs to fit and to hold out. Raises CalibError."""
+    from calib.files.motions import load_motions
+
+    kept, held = (
+        load_motions(cell, own) if isinstance(own, str | Path) else own for own in (data, heldout)
+    )
+    if isinstance(held, int | float):
+        return kept.split(held, rng)
+    if held is not None and not isinstance(held, Motions):
+        raise CalibError(f"heldout: {held!r:.60} is no Motions; name a file or a share")
+    return kept, held
 
 
 def _parts(

@@ -19,6 +19,7 @@ _CLASSES = {
     "compare": "compare.CompareResult",
     "identify": "identify.IdentifyResult",
     "diagnose": "diagnose.DiagnoseResult",
+    "motion": "motion.MotionResult",
     "enough": "enough.EnoughResult",
     "compensate": "compensate.CompensateResult",
     "changes": "changes.ChangesResult",
@@ -30,6 +31,7 @@ KINDS = tuple(_CLASSES)
 _STATED = {
     "Identification": "identify",
     "Diagnosis": "diagnose",
+    "MotionDiagnosis": "motion",
     "Compensation": "compensate",
     "Design": "design",
     "Enough": "enough",

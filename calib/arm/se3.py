@@ -307,4 +307,6 @@ def even_directions(count: int) -> Array:
 
 def steiner(c: Array) -> Array:
     """Inertia of a unit mass at points (..., 3), m, about the origin, (..., 3, 3), m^2."""
-    return np.asarray((c**2).sum(axis=-1)[..., None, None] * np.eye(3) - c[..., None] * c[..., None, :])
+    return np.asarray(
+        (c**2).sum(axis=-1)[..., None, None] * np.eye(3) - c[..., None] * c[..., None, :]
+    )

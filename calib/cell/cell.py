@@ -144,10 +144,15 @@ class Cell:
     def check_poses(self) -> None:
         """Refuse a cell that serves motions alone. Raises InputError."""
         if not self.instruments:
-            what, remedy = "has no [instrument]", "add it, as in the cell that `posecal demo` writes"
+            what, remedy = (
+                "has no [instrument]",
+                "add it, as in the cell that `posecal demo` writes",
+            )
             raise InputError(self.path, "", what, remedy)
         if not self.effects:
-            raise InputError(self.path, "model.effects", "names nothing", "write what is identified")
+            raise InputError(
+                self.path, "model.effects", "names nothing", "write what is identified"
+            )
 
     def with_effects(self, *effects: str) -> Cell:
         """The cell whose model contains these effects as well, ``name`` or ``name:where[,where]``."""

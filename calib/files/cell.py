@@ -62,7 +62,9 @@ def load_cell(path: str | Path) -> Cell:
               for name, point in zip(names, points, strict=True)]  # fmt: skip
     single = [(name, marker.position, table.link(marker.on), marker.normal, marker.acceptance)
               for name, marker in table.markers_mm.items()]  # fmt: skip
-    names, points, links, normals, accepted = zip(*single, *beside, strict=True) if [*single, *beside] else ((),) * 5
+    names, points, links, normals, accepted = (
+        zip(*single, *beside, strict=True) if [*single, *beside] else ((),) * 5
+    )
     facing = np.array([_UNKNOWN if n is None else n for n in normals]).reshape(-1, 3)
     cell = Cell(
         robot,

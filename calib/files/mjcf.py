@@ -58,8 +58,12 @@ def mjcf_tree(path: Path) -> tuple[Tree, Any]:
         T = inverse(frames[body]) @ _frame(data.site_xmat[s], data.site_xpos[s])
         joints.append(Joint("", "fixed", links[body], site or f"\0site {s}", T))
     weights = tuple(
-        _weight(links[b], float(model.body_mass[b]), model.body_inertia[b],
-                inverse(frames[b]) @ _frame(data.ximat[b], data.xipos[b]))
+        _weight(
+            links[b],
+            float(model.body_mass[b]),
+            model.body_inertia[b],
+            inverse(frames[b]) @ _frame(data.ximat[b], data.xipos[b]),
+        )
         for b in range(1, model.nbody)
     )
     return Tree(
@@ -106,7 +110,12 @@ def _walked(model: Any, data: Any, links: list[str]) -> tuple[list[Joint], list[
             frame = _frame(data.xmat[b], data.xanchor[j] if kind in _KINDS[2:] else data.xpos[b])
             ends, axis = (parent, child), frame[:3, :3].T @ data.xaxis[j]
             moved = Joint(
-                model.joint(j).name, kind, *ends, inverse(T) @ frame, axis, *_limits(model, j),
+                model.joint(j).name,
+                kind,
+                *ends,
+                inverse(T) @ frame,
+                axis,
+                *_limits(model, j),
                 losses=_losses(model, j),
             )
             joints.append(moved)

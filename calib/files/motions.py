@@ -175,11 +175,15 @@ def _checked(path: Path, run: Run, lines: Array) -> tuple[list[Run], list[str]]:
         if (~good).mean() > _BAD_STAMPS:
             what = f"session {run.name} has {int((~good).sum())} stamps that do not increase"
             raise InputError(path, first, what, "sort the rows, or correct the clock")
-        said.append(f"{path}: {first}: {int((~good).sum())} rows whose time does not increase left out")
+        said.append(
+            f"{path}: {first}: {int((~good).sum())} rows whose time does not increase left out"
+        )
     repeated = np.concatenate([[False], (np.diff(run.q, axis=0) == 0.0).all(axis=1)])
     moving = np.concatenate([[False], (np.abs(np.diff(run.q, axis=0)) > 0.0).any(axis=1)])
     if moving.any() and repeated[moving.argmax() :].mean() > _TWICE and _steady(repeated, moving):
-        said.append(f"{path}: session {run.name}: rows stand twice, as logged faster than measured; each counts once")
+        said.append(
+            f"{path}: session {run.name}: rows stand twice, as logged faster than measured; each counts once"
+        )
         good &= ~repeated
     run = _taken(run, good)
     if said_rate := _two_rates(run):
@@ -190,7 +194,9 @@ def _checked(path: Path, run: Run, lines: Array) -> tuple[list[Run], list[str]]:
         if len(part) < _FEWEST:
             continue
         if not (np.ptp(part.q, axis=0) > SLOW * part.step * 10.0).any():
-            said.append(f"{path}: session {run.name} stands still from {part.time[0]:.3g} s; left out")
+            said.append(
+                f"{path}: session {run.name} stands still from {part.time[0]:.3g} s; left out"
+            )
             continue
         name = run.name if not found else f"{run.name} ({len(found) + 1})"
         found.append(replace(part, name=name))
@@ -208,7 +214,11 @@ def _two_rates(run: Run) -> str:
     """What to say of a run whose parts were logged at different rates."""
     parts = [np.median(p) for p in np.array_split(np.diff(run.time), 10) if len(p)]
     low, high = float(min(parts)), float(max(parts))
-    return f"is logged at two rates, every {low:.3g} s and every {high:.3g} s" if high > _OTHER_RATE * low else ""
+    return (
+        f"is logged at two rates, every {low:.3g} s and every {high:.3g} s"
+        if high > _OTHER_RATE * low
+        else ""
+    )
 
 
 def _taken(run: Run, index: Array | Mask) -> Run:

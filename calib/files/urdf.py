@@ -150,7 +150,9 @@ def _weights(path: Path, links: dict[str, Element]) -> Iterator[Weight]:
                 raise InputError(path, f"{where} mass", what, "correct it")
             T, tensor = origin_of(path, where, inertial), inertial.find("inertia")
             number = partial(_number, path, f"{where} inertia", tensor)
-            xx, xy, xz, yy, yz, zz = (number(f"i{own}") for own in ("xx", "xy", "xz", "yy", "yz", "zz"))
+            xx, xy, xz, yy, yz, zz = (
+                number(f"i{own}") for own in ("xx", "xy", "xz", "yy", "yz", "zz")
+            )
             inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             yield Weight(name, mass, T[:3, 3], T[:3, :3] @ inertia @ T[:3, :3].T)
 

@@ -43,16 +43,24 @@ class Evidence:
         return self.gain > LEAST and self.p < ALPHA / count
 
 
-def evidence(without: Array, with_it: Array) -> Evidence:
-    """Of squared errors (r,) of runs."""
+def evidence(without: Array, with_it: Array, in_stretches: bool = False) -> Evidence:
+    """Of squared errors (r,) of parts.
+
+    in_stretches : whether parts are short: differences count, as a stretch may hold hardly any error
+    """
     from scipy.stats import t
 
-    gains = np.log(np.maximum(without, 1e-300) / np.maximum(with_it, 1e-300))
-    mean, count = float(gains.mean()), len(gains)
+    count, total = len(without), float(with_it.sum())
+    if in_stretches:
+        gains = (without - with_it) / max(total / count, 1e-300)
+    else:
+        gains = np.log(np.maximum(without, 1e-300) / np.maximum(with_it, 1e-300))
+    mean = float(gains.mean())
+    gain = mean if in_stretches else float(np.expm1(mean))
     if count < 2:
-        return Evidence(float(np.expm1(mean)), 1.0)
+        return Evidence(gain, 1.0)
     spread = max(float(gains.std(ddof=1)) / np.sqrt(count), 1e-12)
-    return Evidence(float(np.expm1(mean)), float(t.sf(mean / spread, count - 1)))
+    return Evidence(gain, float(t.sf(mean / spread, count - 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +85,10 @@ class Contest:
         squares, fits = left_out(products, model, weights)
         return cls(products, model, weights, squares, tuple(fits))
 
+    def evidence(self, without: Array, with_it: Array) -> Evidence:
+        """Of squared errors of all parts, shape (r,)."""
+        return evidence(without, with_it, self.products.in_stretches)
+
     @property
     def pooled(self) -> Array:
         """Squared error of each run over all joints, each in its residual's variance, shape (r,)."""
@@ -84,8 +96,9 @@ class Contest:
 
     @cached_property
     def _rigid(self) -> Array:
-        """Combination of columns that is the torque of the links, of every fold, shape (r, n, K)."""
-        return np.array([rigid_torque(self.products, found.x) for found in self.fits])
+        """Combination of columns that is the torque of the links, of every part, shape (r, n, K)."""
+        each = np.array([rigid_torque(self.products, found.x) for found in self.fits])
+        return np.asarray(each[np.searchsorted(self.products.folds, self.products.fold)])
 
     def with_terms(self, joint: int, terms: Sequence[Term], scaled: bool) -> Array:
         """Squared error (r,) of a joint with other terms, the links of each fold as they are."""
@@ -99,7 +112,8 @@ class Contest:
             L[..., -1] = rigid
         else:
             y -= rigid
-        others = G.sum(axis=0) - G
+        fold = self.products.fold
+        others = G.sum(axis=0) - np.array([G[fold == f].sum(axis=0) for f in fold])
         A, rhs = np.swapaxes(L, 1, 2) @ others @ L, np.swapaxes(L, 1, 2) @ (others @ y[..., None])
         size = np.sqrt(np.maximum(np.diagonal(A, axis1=1, axis2=2), 1e-300))
         A = A / size[:, :, None] / size[:, None, :] + 1e-10 * np.eye(A.shape[-1])
@@ -184,7 +198,7 @@ def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
             if not better:
                 continue
             squares, term = min(better, key=lambda pair: float(pair[0].sum()))
-            if evidence(own, squares).gain > LEAST and squares.sum() < own.sum():
+            if state.evidence(own, squares).gain > LEAST and squares.sum() < own.sum():
                 model = given(model, j, term)
     model = _tuned(state, model, rung)
     return state if model == state.model else Contest.of(state.products, model)
@@ -200,7 +214,9 @@ def _tuned(state: Contest, model: MotionModel, rung: Sequence[str]) -> MotionMod
         for kind, _ in terms:
             variants = state.products.columns.variants(j, kind)
             if kind in rung and len(variants) > 1:
-                best = min(variants, key=lambda t: float(state.of_joint(j, model.adding(j, t)).sum()))
+                best = min(
+                    variants, key=lambda t: float(state.of_joint(j, model.adding(j, t)).sum())
+                )
                 model = model.adding(j, best)
     return model
 
@@ -215,17 +231,21 @@ def _with_inertials(state: Contest, question: Question) -> Contest:
     best = state
     if state.model.inertials == "none":
         payload = _freed(state, state.model, "payload")
-        best = payload if evidence(state.pooled, payload.pooled).stands(question.count) else state
+        best = (
+            payload
+            if state.evidence(state.pooled, payload.pooled).stands(question.count)
+            else state
+        )
     model = state.model
     for j in range(len(model.terms)):
         model = taken(model, j, "spring") if question.may("spring", j) else model
     whole = _freed(state, model, "inertials")
-    if evidence(best.pooled, whole.pooled).stands(question.count):
+    if state.evidence(best.pooled, whole.pooled).stands(question.count):
         return whole
     # A payload and springs, or several springs, that together say no more than wrong inertials.
     stand_ins = sum(holds(state.model, j, "spring") for j in range(len(model.terms)))
     several = stand_ins + (best.model.inertials == "payload") > 1
-    return whole if several and not evidence(whole.pooled, best.pooled).stands() else best
+    return whole if several and not state.evidence(whole.pooled, best.pooled).stands() else best
 
 
 def _freed(state: Contest, model: MotionModel, inertials: Inertials) -> Contest:
@@ -247,25 +267,34 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
     found, kinds = {}, {}
     for kind, j in members(state, question):
         without = state.of_joint(j, taken(state.model, j, kind))
-        found[kind, j] = evidence(without, state.of_joint(j, state.model))
+        found[kind, j] = state.evidence(without, state.of_joint(j, state.model))
         kinds.setdefault(kind, []).append((j, without))
     shown = {}
     for kind, each in kinds.items():
-        both = [(state.weights[j] * w, state.weights[j] * state.of_joint(j, state.model)) for j, w in each]
-        pooled = evidence(*np.sum(both, axis=0))
+        both = [
+            (state.weights[j] * w, state.weights[j] * state.of_joint(j, state.model))
+            for j, w in each
+        ]
+        pooled = state.evidence(*np.sum(both, axis=0))
         for j, _ in each:
             own = found[kind, j]
             by_kind = pooled.stands(question.count) and own.stands()
             alone = own.stands(question.count * len(state.model.terms))
-            shown[kind, j] = own if alone or not by_kind else Evidence(own.gain, min(own.p, pooled.p))
+            shown[kind, j] = (
+                own if alone or not by_kind else Evidence(own.gain, min(own.p, pooled.p))
+            )
             if not (alone or by_kind):
                 shown[kind, j] = Evidence(own.gain, max(own.p, ALPHA))
     return _clocks(state, shown)
 
 
-def _clocks(state: Contest, shown: dict[tuple[str, int], Evidence]) -> dict[tuple[str, int], Evidence]:
+def _clocks(
+    state: Contest, shown: dict[tuple[str, int], Evidence]
+) -> dict[tuple[str, int], Evidence]:
     """The evidence, a delay refused that most joints do not show: one clock stamps them all."""
-    late = [key for key, own in shown.items() if key[0] == DELAY and own.p < ALPHA and own.gain > LEAST]
+    late = [
+        key for key, own in shown.items() if key[0] == DELAY and own.p < ALPHA and own.gain > LEAST
+    ]
     if 2 * len(late) > len(state.model.terms):
         return shown
     return {k: Evidence(e.gain, max(e.p, ALPHA)) if k[0] == DELAY else e for k, e in shown.items()}
@@ -285,6 +314,6 @@ def _reduced(state: Contest, question: Question) -> Contest:
     state = Contest.of(state.products, state.model)
     if state.model.inertials != "none" and question.may("inertials", 0):
         fixed = Contest.of(state.products, replace(state.model, inertials="none"), state.weights)
-        if not evidence(fixed.pooled, state.pooled).stands(question.count):
+        if not state.evidence(fixed.pooled, state.pooled).stands(question.count):
             state = fixed
     return state

@@ -12,6 +12,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError, UnknownEffect
+from calib.motion.stretches import correlation_time_of
 from calib.motion.contest import (
     ALPHA,
     LEAST,
@@ -19,7 +20,6 @@ from calib.motion.contest import (
     Evidence,
     Question,
     contest,
-    evidence,
     given,
     holds,
     judged,
@@ -45,8 +45,8 @@ LADDER: tuple[tuple[str, ...], ...] = (
     ("torque_ripple",),
     ("torque_delay",),
 )
-_RUNS = 5  # fewer are cut into blocks
-_BLOCK = 4.5  # s: five autocorrelation times of what friction leaves, 0.2 to 0.9 s on real arms
+_RUNS = 5  # fewer are cut into stretches
+_STRETCH, _LEFT_OUT = 2.0, 5.0  # autocorrelation times, of one, and of what is left out of one run
 _NOISE = 1.5  # times the sensor's noise, up to which nothing remains
 _OF_LINK = ("mass", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
@@ -189,10 +189,14 @@ def identify_motions(
 
 def products_of(cell: Cell, motions: Motions, whole: bool = False) -> Products:
     """The products of runs, or of blocks where these are few. Raises CalibError where nothing moves."""
-    block = _BLOCK if len(motions.runs) < _RUNS and not whole else None
+    cut: dict[str, float] = {}
+    if len(motions.runs) < _RUNS and not whole:
+        time = correlation_time_of(cell, motions)
+        cut = {"stretch": _STRETCH * time}
+        cut |= {"left_out": _LEFT_OUT * time} if len(motions.runs) == 1 else {}
     return products(
         cell.robot, motions, KINDS, gravity=cell.gravity, ratios=cell.gear_ratios,
-        payload=cell.payload, cutoff=cell.motion.cutoff, block=block,
+        payload=cell.payload, cutoff=cell.motion.cutoff, **cut,
     )  # fmt: skip
 
 
@@ -211,7 +215,9 @@ def _asked(cell: Cell, motions: Motions, found: Products) -> tuple[MotionModel, 
             continue
         for where in places:
             if where not in cell.robot.joints:
-                raise UnknownEffect(f"{kind} cannot act at {where!r}; joints are {', '.join(cell.robot.joints)}")
+                raise UnknownEffect(
+                    f"{kind} cannot act at {where!r}; joints are {', '.join(cell.robot.joints)}"
+                )
             j = cell.robot.joints.index(where)
             terms = [(SCALE, 0.0)] if kind == SCALE else found.columns.variants(j, kind)
             if not terms:
@@ -254,7 +260,9 @@ def _concluded(
         kept_out = products_of(cell, heldout, whole=True)
         held = _gap(kept_out, first.squares(kept_out), whole, kept_out, "heldout")
     fitted = _gap(found, first.squares(found), whole, found, "crossvalidated")
-    crossed = replace(fitted, before=_shares(before.squares, found), after=_shares(state.squares, found))
+    crossed = replace(
+        fitted, before=_shares(before.squares, found), after=_shares(state.squares, found)
+    )
     floor = TorqueGap.overall(np.sqrt((found.noise**2).mean(axis=0) / found.power))
     after = TorqueGap.overall(fitted.after)
     rest: Literal["none", "structure"] = "none" if after < _NOISE * floor else "structure"
@@ -269,7 +277,7 @@ def _concluded(
         rest=rest,
         hidden=tuple(_hidden(question, state, whole, cell.robot)),
         runs=found.names,
-        blocks=len(set(found.names)) < len(found.names),
+        blocks=found.in_stretches,
         unit=motions.unit,
         constants=_constants(state, whole) if motions.unit == "A" else None,
         gears=gear_fits(cell, motions),
@@ -293,15 +301,26 @@ def _shares(squares: Array, found: Products) -> Array:
 
 
 def _gap(
-    found: Products, before: Array, after: MotionFit, of: Products, kind: Literal["heldout", "crossvalidated"]
+    found: Products,
+    before: Array,
+    after: MotionFit,
+    of: Products,
+    kind: Literal["heldout", "crossvalidated"],
 ) -> TorqueGap:
     moved = of.moving[:, :, -1, -1].sum(axis=0)
     moving = after.squares(of, moving=True).sum(axis=0) / np.where(moved > 0.0, moved, np.nan)
-    return TorqueGap(_shares(before, found), _shares(after.squares(found), found), np.sqrt(moving), kind)
+    return TorqueGap(
+        _shares(before, found), _shares(after.squares(found), found), np.sqrt(moving), kind
+    )
 
 
 def _causes(
-    question: Question, before: Contest, state: Contest, whole: MotionFit, robot: Robot, chosen: bool
+    question: Question,
+    before: Contest,
+    state: Contest,
+    whole: MotionFit,
+    robot: Robot,
+    chosen: bool,
 ) -> list[MotionCause]:
     """Every term that entered, the largest share first."""
     excess = float(((before.squares - state.squares) / state.products.power).sum())
@@ -330,8 +349,10 @@ def _rivals(question: Question, state: Contest, kind: str, j: int) -> list[tuple
         if name == kind or holds(rest, j, name) or not question.may(name, j):
             continue
         terms = [(SCALE, 0.0)] if name == SCALE else state.products.columns.variants(j, name)
-        for squares in sorted((state.of_joint(j, given(rest, j, t)) for t in terms), key=np.sum)[:1]:
-            worse = evidence(squares, now)
+        for squares in sorted((state.of_joint(j, given(rest, j, t)) for t in terms), key=np.sum)[
+            :1
+        ]:
+            worse = state.evidence(squares, now)
             if worse.gain < LEAST or worse.p > ALPHA:
                 found.append((name, float(np.clip(2.0 * worse.p, 0.05, 1.0))))
     return found
@@ -340,7 +361,9 @@ def _rivals(question: Question, state: Contest, kind: str, j: int) -> list[tuple
 def _parameters(state: Contest, whole: MotionFit, kind: str, j: int) -> tuple[MotionParameter, ...]:
     """Values of a term, with deviations by the jackknife over runs."""
     if kind == SCALE:
-        return (_jackknifed("scale", "1", whole.g[j] - 1.0, [own.g[j] - 1.0 for own in state.fits]),)
+        return (
+            _jackknifed("scale", "1", whole.g[j] - 1.0, [own.g[j] - 1.0 for own in state.fits]),
+        )
     begin = 0
     for name, variant in state.model.terms[j]:
         count = len(EFFECTS[name].unknowns)
@@ -349,7 +372,9 @@ def _parameters(state: Contest, whole: MotionFit, kind: str, j: int) -> tuple[Mo
             found = [_jackknifed(u[0], u[1], whole.b[j][i], [own.b[j][i] for own in state.fits])
                      for i, u in each]  # fmt: skip
             if len(EFFECTS[name].variants) > 1:
-                found.append(MotionParameter("distance", "rad", 1.0 / variant, np.nan, np.nan, np.nan))
+                found.append(
+                    MotionParameter("distance", "rad", 1.0 / variant, np.nan, np.nan, np.nan)
+                )
             return tuple(found)
         begin += count
     return ()
@@ -368,7 +393,7 @@ def _jackknifed(name: str, unit: str, value: float, others: Sequence[float]) -> 
 def _of_links(state: Contest, whole: MotionFit, robot: Robot, excess: float) -> MotionCause:
     """The cause that stands for the inertials that are free."""
     fixed = Contest.of(state.products, replace(state.model, inertials="none"), state.weights)
-    own, S = evidence(fixed.pooled, state.pooled), sizes_of(state.products)
+    own, S = state.evidence(fixed.pooled, state.pooled), sizes_of(state.products)
     grown = float(((fixed.squares - state.squares) / state.products.power).sum())
     payload = state.model.inertials == "payload"
     links = range(robot.dof - 1 if payload else 0, robot.dof)
@@ -407,13 +432,18 @@ def _hidden(question: Question, state: Contest, whole: MotionFit, robot: Robot) 
             places = [p for t in state.model.terms[j] for p in state.products.columns.of(j, t)]
             at = int(state.products.columns.of(j, terms[len(terms) // 2])[0])
             known = G[j][np.ix_(places, places)]
-            beside = G[j][at, at] - G[j][at, places] @ np.linalg.pinv(known, hermitian=True) @ G[j][places, at]
+            beside = (
+                G[j][at, at]
+                - G[j][at, places] @ np.linalg.pinv(known, hermitian=True) @ G[j][places, at]
+            )
             seen = beside > 1e-6 * G[j][at, at] > 0.0
             smallest = float(np.sqrt(LEAST * squares[j] / beside)) if seen else None
             found.append(UnseenTerm(kind.kind, joint, smallest, kind.unknowns[0][1]))
     return found
 
 
-def parameters_of(causes: Sequence[MotionCause]) -> Mapping[tuple[str, str], tuple[MotionParameter, ...]]:
+def parameters_of(
+    causes: Sequence[MotionCause],
+) -> Mapping[tuple[str, str], tuple[MotionParameter, ...]]:
     """Values of all causes by effect and place."""
     return {(cause.effect, cause.where): cause.parameters for cause in causes}

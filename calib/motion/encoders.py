@@ -46,7 +46,9 @@ def gear_fits(cell: Cell, motions: Motions) -> tuple[GearFit, ...]:
     samples = [own for run in runs if len(own := filtered(run, cell.motion.cutoff))]
     found = []
     for j, joint in enumerate(cell.robot.joints):
-        with_link = [own for own in samples if own.beyond is not None and np.isfinite(own.beyond[:, j]).all()]
+        with_link = [
+            own for own in samples if own.beyond is not None and np.isfinite(own.beyond[:, j]).all()
+        ]
         if with_link:
             found.append(_gear_fit(joint, j, with_link))
     return tuple(found)
@@ -60,10 +62,14 @@ def _gear_fit(joint: str, j: int, samples: list[Samples]) -> GearFit:
     count = len(samples)
     if count > 1:
         without = [_solved(j, samples[:r] + samples[r + 1 :], sigma)[0] for r in range(count)]
-        std = np.sqrt((count - 1.0) / count * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0))
+        std = np.sqrt(
+            (count - 1.0) / count * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0)
+        )
     else:
         std = np.full(len(values), np.nan)
-    return GearFit(joint, tuple((values / _SCALES).tolist()), tuple((std / _SCALES).tolist()), before, after)
+    return GearFit(
+        joint, tuple((values / _SCALES).tolist()), tuple((std / _SCALES).tolist()), before, after
+    )
 
 
 def _solved(j: int, samples: list[Samples], sigma: float) -> tuple[Array, float, float]:

@@ -108,7 +108,9 @@ def _scales(products: Products, model: MotionModel, g: Array) -> Array:
     """Scales by the nominal links."""
     free = products.columns.inertials
     plain = replace(model, inertials="none")
-    found, _, _ = _step(products, plain, np.ones(len(g)), (np.arange(0), np.ones(free)), g, np.zeros(free))
+    found, _, _ = _step(
+        products, plain, np.ones(len(g)), (np.arange(0), np.ones(free)), g, np.zeros(free)
+    )
     return found
 
 
@@ -161,7 +163,9 @@ def _inverse(A: Array) -> Array:
     """Of a scaled normal matrix, columns that nothing moves left at zero."""
     size = np.sqrt(np.diag(A))
     size = np.where(size > 0.0, size, np.inf)
-    return np.linalg.pinv(A / np.outer(size, size), rcond=_TINY, hermitian=True) / np.outer(size, size)
+    return np.linalg.pinv(A / np.outer(size, size), rcond=_TINY, hermitian=True) / np.outer(
+        size, size
+    )
 
 
 def rigid_torque(products: Products, x: Array) -> Array:
@@ -181,13 +185,14 @@ def _combination(
     return c
 
 
-def left_out(products: Products, model: MotionModel, weights: Array) -> tuple[Array, list[MotionFit]]:
-    """Squared residuals of every run by the others, shape (r, n), and these fits."""
-    count = len(products.names)
-    fits, squares = [], []
+def left_out(
+    products: Products, model: MotionModel, weights: Array
+) -> tuple[Array, list[MotionFit]]:
+    """Squared residuals of every part by the fits without its fold, shape (r, n), and these fits."""
+    squares, fits = np.zeros(products.counts.shape), []
     whole = fit(products, model, weights)
-    for r in range(count):
-        others = products.take([k for k in range(count) if k != r])
-        fits.append(fit(others, model, weights, whole))
-        squares.append(fits[-1].squares(products.take([r]))[0])
-    return np.array(squares), fits
+    for f in products.folds:
+        out = products.fold == f
+        fits.append(fit(products.take(np.flatnonzero(~out)), model, weights, whole))
+        squares[out] = fits[-1].squares(products.take(np.flatnonzero(out)))
+    return squares, fits

@@ -48,8 +48,11 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """``X^T X`` of every run and joint; the last row and column are the measured effort's.
+    """``X^T X`` of every part and joint; the last row and column are the measured effort's.
 
+    Parts are runs; where these are few, stretches of them, several of which are left out together.
+
+    fold : ndarray of int, shape (r,), what is left out together
     nominal : ndarray, shape (n, K), torque by the robot's file as a combination of each joint's columns
     G : ndarray, shape (r, n, K, K); moving : the same of samples at which the joint moves
     counts, moved : ndarray, shape (r, n), samples of both
@@ -60,6 +63,7 @@ class Products:
     columns: Columns
     nominal: Array
     names: tuple[str, ...]
+    fold: IntArray
     G: Array
     moving: Array
     counts: Array
@@ -69,11 +73,21 @@ class Products:
     def take(self, runs: IntArray | list[int]) -> Products:
         """Those of some runs."""
         index = np.asarray(runs, dtype=int)
-        parts = (self.G, self.moving, self.counts, self.moved, self.noise)
+        parts = (self.fold, self.G, self.moving, self.counts, self.moved, self.noise)
         names = tuple(self.names[i] for i in index.tolist())
         return Products(
             self.robot, self.columns, self.nominal, names, *(own[index] for own in parts)
         )
+
+    @property
+    def folds(self) -> list[int]:
+        """What is left out in turn."""
+        return np.unique(self.fold).tolist()
+
+    @property
+    def in_stretches(self) -> bool:
+        """Whether parts are stretches of few runs."""
+        return len(set(self.names)) < len(self.names)
 
     @cached_property
     def total(self) -> Array:
@@ -113,11 +127,13 @@ def products(
     ratios: Mapping[str, float],
     payload: Payload | None = None,
     cutoff: float = CUTOFF,
-    block: float | None = None,
+    stretch: float | None = None,
+    left_out: float = np.inf,
 ) -> Products:
     """The products of every run, filtered.
 
-    block : s, of time that counts as a run of its own; None for whole runs
+    stretch : s, of the parts of runs; None for whole runs
+    left_out : s, of what is left out together, at least a stretch; whole runs by default
     """
     columns = columns_of(robot, kinds, ratios)
     links = carried(robot, nominal_inertials(robot), payload).ravel()
@@ -128,18 +144,22 @@ def products(
                 if loss:
                     nominal[j, columns.of(j, (kind, 0.0))] += loss
     by_kind = {kind.kind: kind for kind in kinds}
-    parts, names = [], []
+    parts, names, fold = [], [], []
     for run in motions.runs:
         samples = filtered(run, cutoff)
         if not len(samples):
             continue
         lasted = float(samples.time[-1] - samples.time[0])
-        count = 1 if block is None else max(2, int(lasted / block))
+        count = 1 if stretch is None else max(2, int(lasted / stretch))
         edges = np.linspace(0, len(samples), count + 1).astype(int).tolist()
         names += [run.name] * count
+        own = 1 if left_out > lasted else max(2, int(lasted / left_out))
+        fold += [max(fold, default=-1) + 1 + k * own // count for k in range(count)]
         parts += _products(robot, samples, edges, columns, links, by_kind, gravity, dict(ratios))
     G, moving, counts, moved, noise = (np.array(own) for own in zip(*parts, strict=True))
-    return Products(robot, columns, nominal, tuple(names), G, moving, counts, moved, noise)
+    return Products(
+        robot, columns, nominal, tuple(names), np.array(fold), G, moving, counts, moved, noise
+    )
 
 
 def carried(robot: Robot, links: Array, payload: Payload | None) -> Array:

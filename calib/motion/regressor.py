@@ -32,7 +32,9 @@ def nominal_inertials(robot: Robot) -> Array:
     inertias = np.zeros((robot.dof, 3, 3)) if robot.inertias is None else robot.inertias
     about = inertias + robot.masses[:, None, None] * steiner(robot.coms)
     tensor = np.stack([about[:, i, j] for i, j in _TENSOR], axis=1)
-    return np.concatenate([robot.masses[:, None], robot.masses[:, None] * robot.coms, tensor], axis=1)
+    return np.concatenate(
+        [robot.masses[:, None], robot.masses[:, None] * robot.coms, tensor], axis=1
+    )
 
 
 def regressor(robot: Robot, q: Array, v: Array, a: Array, gravity: Array) -> Array:

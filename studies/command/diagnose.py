@@ -10,6 +10,7 @@ import click
 
 from studies.command import options
 from studies.command.call import Call, working
+from studies.command.motion import deliver_motions
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ def diagnose(
     The command tries every effect that the model lacks, at every place where it can act. It also tries
     free curves. They locate errors whose cause is not in the catalogue.
 
+    DATA may be motions in the place of points: joint angles and torques, or currents, over time.
+
     \b
     Example:
       posecal diagnose cell.toml day.csv --holdout 0.3 --json diagnosis.json
@@ -45,6 +48,7 @@ def diagnose(
     import calib
     from calib.errors import InputError
     from calib.files.cell_out import extended_cell
+    from calib.files.motions import holds_motions
     from calib.threads import one_blas_thread
     from studies.results.diagnose import DiagnoseResult
 
@@ -55,6 +59,9 @@ def diagnose(
             if value is not None:
                 raise InputError(name, "", "does not go with --plan-only", "give one of them")
         foresee_plan(call, cell, data_path)
+        return
+    if holds_motions(data_path):
+        deliver_motions(call, cell, data_path, holdout, "diagnose", **{"--cell-out": cell_out})
         return
     with working(f"reading {data_path.name}"):
         day = read_session(cell, data_path, holdout, call.seed)

@@ -9,6 +9,7 @@ import click
 
 from studies.command import options
 from studies.command.call import Call, working
+from studies.command.motion import deliver_motions
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
@@ -45,18 +46,23 @@ def identify(
     """Identify the effects in the cell's [model] from measured points.
 
     CELL describes the measurement cell (cell.toml). DATA is the table of measured points
-    (measurements.csv), one row for each point.
+    (measurements.csv), one row for each point; or of motions, joint angles and torques over time.
 
     \b
     Example:
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
+    from calib.files.motions import holds_motions
     from calib.poses.moves import thinned
     from studies.command.robots import robot_files
     from studies.results.identify import IdentifyResult
 
     cell = calib.load_cell(cell_path)
+    if holds_motions(data_path):
+        poses_only = {"--urdf": urdf_path, "--zero-offsets": zeros_path}
+        deliver_motions(call, cell, data_path, holdout, "identify", **poses_only)
+        return
     with working(f"reading {data_path.name}"):
         day = read_session(cell, data_path, holdout, call.seed)
     inputs = [cell.path, *cell.robot_files, data_path, *cell.named_files, *day.files]

@@ -29,11 +29,14 @@ class _Head(BaseModel):
     format: int = Field(alias="schema")
     command: str
     plan_only: bool = False
+    motions: bool = False
     inputs: list[InputFile]
 
     @property
     def kind(self) -> str:
-        """Its command, or ``plan`` for ``diagnose --plan-only``."""
+        """Its command; ``plan`` for ``diagnose --plan-only``, ``motion`` for motions."""
+        if self.motions:
+            return "motion"
         return "plan" if self.command == "diagnose" and self.plan_only else self.command
 
 

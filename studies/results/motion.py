@@ -1,0 +1,284 @@
+"""``diagnose`` and ``identify`` of motions: which terms the torques need, and how far the error falls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Literal, Self
+
+from pydantic import Field
+
+from studies.results.base import (
+    BeforeAfter,
+    Cause,
+    DetectionLimit,
+    Entry,
+    Envelope,
+    Maybe,
+    NotNegative,
+    Number,
+    Result,
+)
+
+if TYPE_CHECKING:
+    from calib.motion.diagnose import MotionCause, MotionDiagnosis, MotionParameter, TorqueGap
+
+
+class TermParameter(Entry):
+    """A parameter of a term; std by the jackknife over runs, ci95 by Student's t."""
+
+    name: str
+    value: Number
+    std: Maybe
+    unit: str
+    ci95: tuple[Maybe, Maybe]
+
+    @classmethod
+    def of(cls, own: MotionParameter, unit: str) -> Self:
+        """The entry; unit : of the efforts, in which torques stand."""
+        named = own.unit if unit == "Nm" else _of_current(own.unit)
+        return cls(
+            name=own.name, value=own.value, std=own.std, unit=named, ci95=(own.low, own.high)
+        )
+
+
+def _of_current(unit: str) -> str:
+    return (
+        "A s^2/rad" if unit == "kg m^2" else "A/Nm" if unit == "Nm/Nm" else unit.replace("Nm", "A")
+    )
+
+
+class LikelyTerm(Cause):
+    """A term that may be it."""
+
+    probability: Maybe
+
+
+class TorqueTerm(LikelyTerm):
+    """A term that was found, and those that these motions cannot tell from it.
+
+    gain_percent : mean growth of the squared error of left-out runs without it
+    """
+
+    p_value: Number
+    gain_percent: Number
+    alike: tuple[LikelyTerm, ...] = Field(validation_alias="class", serialization_alias="class")
+    parameters: tuple[TermParameter, ...]
+    share_of_gap: Maybe
+    standing: Literal["established", "likely", "one_of"]
+
+    @classmethod
+    def of(cls, cause: MotionCause, unit: str) -> Self:
+        """The entry of a cause."""
+        first = LikelyTerm(effect=cause.effect, where=cause.where, probability=cause.probability)
+        others = (LikelyTerm(effect=e, where=w, probability=p) for e, w, p in cause.rivals)
+        of_links = cause.effect in ("inertials", "payload")
+        return cls(
+            **first.model_dump(),
+            p_value=cause.evidence.p,
+            gain_percent=100.0 * cause.evidence.gain,
+            alike=(first, *others),
+            parameters=tuple(
+                TermParameter.of(own, "Nm" if of_links else unit) for own in cause.parameters
+            ),
+            share_of_gap=cause.share,
+            standing=cause.standing,
+        )
+
+
+class JointError(Entry):
+    """Errors of a joint in percent of its torque's RMS; moving : after, where it moves."""
+
+    before: Maybe
+    after: Maybe
+    moving: Maybe
+
+
+class TorqueErrors(Entry):
+    """Errors in percent of the torque's RMS, quadratic mean over joints.
+
+    before, after : held out where runs were, else of runs left out in turn
+    """
+
+    unit: Literal["percent"] = "percent"
+    floor: NotNegative
+    fit_before: NotNegative
+    fit_after: NotNegative
+    heldout_before: NotNegative | None
+    heldout_after: NotNegative | None
+    heldout_rose: bool | None
+    crossvalidated_before: NotNegative
+    crossvalidated_after: NotNegative
+    closed: Maybe
+    joints: dict[str, JointError]
+
+    @classmethod
+    def of(cls, found: MotionDiagnosis) -> Self:
+        """The entry of a diagnosis."""
+        gap, held, of = found.gap, found.heldout, type(found.gap).overall
+        joints = zip(found.cell.robot.joints, gap.before, gap.after, gap.moving, strict=True)
+        first, last, floor = of(gap.before), of(gap.after), found.floor
+        closed = (first**2 - last**2) / (first**2 - floor**2) if first > floor else None
+        return cls(
+            floor=100.0 * floor,
+            fit_before=100.0 * of(found.fitted.before),
+            fit_after=100.0 * of(found.fitted.after),
+            heldout_before=None if held is None else 100.0 * first,
+            heldout_after=None if held is None else 100.0 * last,
+            heldout_rose=None if held is None or not found.causes else last >= first,
+            crossvalidated_before=100.0 * of(found.crossed.before),
+            crossvalidated_after=100.0 * of(found.crossed.after),
+            closed=closed,
+            joints={j: JointError(before=100 * b, after=100 * a, moving=100 * m)
+                    for j, b, a, m in joints},
+        )  # fmt: skip
+
+
+class TorqueRest(Entry):
+    """What remains beside the terms: percent of the torque beyond the sensors' noise."""
+
+    mm: None = None
+    percent: NotNegative
+    kind: Literal["none", "structure"]
+    of: Literal["instrument", "model"]
+
+
+class TorqueConstant(Entry):
+    """Torque at a joint for one ampere, None where its torque does not tell."""
+
+    joint: str
+    value_nm_a: Maybe
+    std_nm_a: Maybe
+
+
+class GearValue(Entry):
+    """What a second encoder says of a gear."""
+
+    name: str
+    value: Number
+    std: Maybe
+    unit: str
+
+
+class GearEntry(Entry):
+    """Of one gear; RMS difference of both encoders before and after."""
+
+    joint: str
+    values: tuple[GearValue, ...]
+    before_urad: NotNegative
+    after_urad: NotNegative
+
+
+class MotionResult(Result):
+    """Which terms the torques of a robot need beside its model.
+
+    motions : by which it is known from a diagnosis of poses
+    runs : what was left out in turn; blocks : whether these are stretches of few runs
+    """
+
+    command: Literal["diagnose", "identify"]
+    motions: Literal[True] = True
+    verdict: Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
+    effort: Literal["Nm", "A"]
+    effects: tuple[TorqueTerm, ...]
+    rest: TorqueRest
+    located: tuple[Cause, ...] = ()
+    gap: TorqueErrors
+    could_not_see: tuple[DetectionLimit, ...]
+    torque_constants: tuple[TorqueConstant, ...]
+    gears: tuple[GearEntry, ...]
+    runs: tuple[str, ...]
+    blocks: bool
+    holdout: str | None
+
+    @classmethod
+    def of(
+        cls,
+        found: MotionDiagnosis,
+        made_from: Envelope,
+        *,
+        command: Literal["diagnose", "identify"] = "diagnose",
+        holdout: str | None = None,
+        warnings: Iterable[str] = (),
+    ) -> Self:
+        """The result of a diagnosis of motions."""
+        from calib.motion.encoders import NAMES, UNITS
+
+        gap: TorqueGap = found.gap
+        left = max(gap.overall(gap.after) ** 2 - found.floor**2, 0.0) ** 0.5
+        worst = sorted(zip(gap.after, found.cell.robot.joints, strict=True), reverse=True)
+        return cls(
+            **made_from,
+            command=command,
+            warnings=tuple(warnings),
+            verdict=found.verdict,
+            effort=found.unit,
+            effects=tuple(TorqueTerm.of(cause, found.unit) for cause in found.causes),
+            rest=TorqueRest(percent=100.0 * left, kind=found.rest,
+                            of="instrument" if found.rest == "none" else "model"),
+            located=tuple(Cause(effect="unknown", where=joint) for _, joint in worst[:3])
+            if found.rest == "structure" else (),
+            gap=TorqueErrors.of(found),
+            could_not_see=tuple(
+                DetectionLimit(effect=own.effect, where=own.where, minimum_detectable=own.smallest,
+                               unit=own.unit if found.unit == "Nm" else _of_current(own.unit))
+                for own in found.hidden
+            ),
+            torque_constants=() if found.constants is None else tuple(
+                TorqueConstant(joint=joint, value_nm_a=value, std_nm_a=std)
+                for joint, (value, std) in zip(found.cell.robot.joints, found.constants, strict=True)
+            ),
+            gears=tuple(
+                GearEntry(
+                    joint=own.joint,
+                    values=tuple(
+                        GearValue(name=name, value=value, std=std, unit=unit)
+                        for name, value, std, unit in zip(NAMES, own.values, own.std, UNITS, strict=True)
+                    ),
+                    before_urad=own.before * 1e6,
+                    after_urad=own.after * 1e6,
+                )
+                for own in found.gears
+            ),
+            runs=found.runs,
+            blocks=found.blocks,
+            holdout=holdout,
+        )  # fmt: skip
+
+    @property
+    def kind(self) -> str:
+        return "motion"
+
+    @property
+    def error(self) -> BeforeAfter:
+        """Percent of the torque, at held-out runs where there are any."""
+        gap, of = self.gap, "error of the torque, with the model as given and with the terms found"
+        if gap.heldout_before is not None and gap.heldout_after is not None:
+            return BeforeAfter(gap.heldout_before, gap.heldout_after, of, "%", True)
+        return BeforeAfter(gap.crossvalidated_before, gap.crossvalidated_after, of, "%")
+
+    @property
+    def where(self) -> str:
+        """At which runs the error stands."""
+        if self.gap.heldout_before is not None:
+            return "held-out runs"
+        return "stretches left out in turn" if self.blocks else "runs left out in turn"
+
+    @property
+    def main_table(self) -> tuple[TorqueTerm, ...]:
+        return self.effects
+
+    @property
+    def by_effect(self) -> list[tuple[str, list[TorqueTerm]]]:
+        """Terms of each kind, the kinds with the largest share first."""
+        names = dict.fromkeys(own.effect for own in self.effects)
+        order = list(self.gap.joints)
+        return [
+            (
+                name,
+                sorted(
+                    (own for own in self.effects if own.effect == name),
+                    key=lambda own: order.index(own.where) if own.where in order else 0,
+                ),
+            )
+            for name in names
+        ]

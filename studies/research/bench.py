@@ -1,13 +1,14 @@
-"""What all benchmarks share: arguments, many days on some processors, tables, rates, and the file.
+"""What all measurements share: arguments, many days on some processors, tables, seconds, and the file.
 
-A benchmark states what its day is and what is measured of it. Its function is decorated with
-:func:`bench`, draws its days with :func:`each`, and returns what is printed and what ``--json`` writes.
+A function that measures is decorated with :func:`bench`, draws its days with :func:`each`, and returns
+what is printed and what ``--json`` writes.
 """
 
 from __future__ import annotations
 
 import functools
 import os
+import statistics
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +26,7 @@ from calib.errors import InputError
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.options import one_line_faults
-from studies.research.withheld.tables import table as table
+from studies.research.tables import table as table
 
 T = TypeVar("T")
 Row = dict[str, Any]
@@ -34,6 +35,7 @@ Output = tuple[Iterable[Any], Any]
 """What is printed, one after another, and what the file holds."""
 
 _BESIDE = Path(__file__).parents[3] / "shared" / "data"
+_ENOUGH = 2.0  # seconds of repeated runs after which there are no more
 
 
 def bench(
@@ -56,12 +58,9 @@ def bench(
             if json_path is not None:
                 write_files({json_path: json_text(found)})
 
-        shared = [
-            count("--seed", 0, least=0),
-            click.option(
-                "--json", "json_path", type=click.Path(path_type=Path), help="All figures."
-            ),
-        ]
+        path = click.Path(path_type=Path)
+        shared = [count("--seed", 0, least=0)]
+        shared.append(click.option("--json", "json_path", type=path, help="All figures."))
         if days is not None:
             shared.append(count("--days", days, help=days_help))
         if workers:
@@ -76,9 +75,8 @@ def bench(
 
 def count(name: str, default: int, least: int = 1, **more: Any) -> Option:
     """An option that is a whole number."""
-    return click.option(
-        name, type=click.IntRange(min=least), default=default, show_default=True, **more
-    )
+    kind = click.IntRange(min=least)
+    return click.option(name, type=kind, default=default, show_default=True, **more)
 
 
 def several(name: str, values: Sequence[Any], default: Sequence[Any] = (), **more: Any) -> Option:
@@ -95,15 +93,14 @@ def each(
 
     tasks : arguments of each; options : those that all have in common
     """
-    tasks = list(tasks)
+    tasks, results = list(tasks), []
     one = functools.partial(_one, work, options)
     bar = click.progressbar(length=len(tasks), file=sys.stderr, label=work.__name__)
     with bar, ProcessPoolExecutor(workers) if workers > 1 else nullcontext() as pool:
-        found = []
         for result in map(one, tasks) if pool is None else pool.map(one, tasks):
-            found.append(result)
+            results.append(result)
             bar.update(1)
-    return found
+    return results
 
 
 @one_blas_thread
@@ -117,6 +114,16 @@ def clocked(work: Callable[[], T]) -> tuple[T, float]:
     return work(), time.process_time() - begun
 
 
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """Result and median seconds of three runs, fewer once they took two seconds."""
+    seconds: list[float] = []
+    while len(seconds) < 3 and sum(seconds) < _ENOUGH:
+        begun = time.perf_counter()
+        result = work()
+        seconds.append(time.perf_counter() - begun)
+    return result, statistics.median(seconds)
+
+
 def rms(values: ArrayLike) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
@@ -124,7 +131,7 @@ def rms(values: ArrayLike) -> float:
 
 def rms_3d(vectors: ArrayLike) -> float:
     """3-D root mean square per point of vectors (.., 3)."""
-    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=-1))))
+    return rms(np.linalg.norm(vectors, axis=-1))
 
 
 def data_folder(name: str = "") -> Path:
@@ -138,7 +145,8 @@ def data_folder(name: str = "") -> Path:
     return folder
 
 
-def real_data(name: str) -> tuple[calib.Cell, calib.Measurements]:
+def real_data(name: str, cell: str = "", table: str = "") -> tuple[calib.Cell, calib.Measurements]:
     """Cell and measurements of a set. Raises InputError where it is not there."""
-    cell = calib.load_cell(data_folder(name) / "cell.toml")
-    return cell, calib.load_measurements(cell, data_folder(name) / "measurements.csv")
+    folder = data_folder(name)
+    loaded = calib.load_cell(folder / (cell or "cell.toml"))
+    return loaded, calib.load_measurements(loaded, folder / (table or "measurements.csv"))

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from studies.research.withheld.robots import HEAVY, Arm, Joint
-from studies.research.withheld.truth import Mechanism, urdf
+from studies.research.truth.arms import HEAVY, Arm, Joint
+from studies.research.truth.mechanism import Mechanism, urdf
 
 _TURN = (-2.8, 2.8)
 

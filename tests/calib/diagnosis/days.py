@@ -11,13 +11,14 @@ import numpy as np
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from studies.research.withheld.draw import EASY, Case, draw_scene
-from studies.research.withheld.effects import turned
-from studies.research.withheld.keys import write_case
-from studies.research.withheld.robots import ARMS
-from studies.research.withheld.scene import Scene
-from studies.research.withheld.truth import Action, State
-from studies.research.withheld.visible import Projector, at_rest
+from studies.research.sealed.draw import Case
+from studies.research.sealed.key import write_case
+from studies.research.sealed.visible import Projector
+from studies.research.truth.arms import ARMS
+from studies.research.truth.conditions import EASY
+from studies.research.truth.formulas import turned
+from studies.research.truth.mechanism import Action, State
+from studies.research.truth.scene import Scene, at_rest, draw_scene
 
 PLAIN = replace(EASY, payload=True)
 Act = Callable[[Scene, State], Action]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.causes import NameEvidence
-from studies.research.benchmarks.weights import chance, fitted
+from studies.research.sealed.weights import chance, fitted
 
 PLAIN = NameEvidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
 

@@ -13,7 +13,7 @@ import calib
 from calib.arrays import Array
 from calib.diagnosis import Diagnosis
 from calib.diagnosis.detection_limit import DetectionLimit
-from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
+from studies.research.truth.day import Day, Setting, draw_day, write_day
 
 SETTING = Setting("6R", scatter=0.0, approaches=1, poses=30, markers=2)
 

@@ -11,7 +11,7 @@ import pytest
 import calib
 from calib import Cell, Measurements
 from studies.research.bench import real_data
-from studies.research.withheld.make import POPULATIONS, families
+from studies.research.sealed.populations import POPULATIONS, families
 
 SHARED, POSES = 40, 60  # days among which families are shared out, and poses of a real one
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from studies.research.benchmarks.day import Setting, draw_day, write_day
+from studies.research.truth.day import Setting, draw_day, write_day
 
 pytest.importorskip("mujoco")
 

@@ -13,9 +13,9 @@ from calib.arm.inverse import solutions
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.cartesian import solution_said
-from studies.research.benchmarks.day import SEVEN as LIMITED_SEVEN
-from studies.research.withheld.robots import HEAVY, LIGHT, Arm
-from studies.research.withheld.truth import Mechanism
+from studies.research.truth.arms import HEAVY, LIGHT, Arm
+from studies.research.truth.day import SEVEN as LIMITED_SEVEN
+from studies.research.truth.mechanism import Mechanism
 from tests.calib.arm_days import MARKERS, SCARA, Day
 
 _CROSS = np.concatenate([np.zeros((1, 3)), np.eye(3)])  # origin and ends of the tip's axes

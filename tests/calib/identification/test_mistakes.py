@@ -16,7 +16,7 @@ from calib.identification.mistakes import Mistake, recognised
 from calib.identification.start import initial_values
 from calib.model.build import build
 from calib.model.covariance import identifiable
-from studies.research.withheld.robots import HEAVY, Arm
+from studies.research.truth.arms import HEAVY, Arm
 from tests.calib.arm_days import SCARA, SEVEN, Day, day
 
 ARMS = {arm.name: arm for arm in (HEAVY, SCARA, SEVEN)}

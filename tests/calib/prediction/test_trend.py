@@ -16,7 +16,7 @@ from calib.files.estimate import load_estimate
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of
 from doe.forecast.enough import enough
 from studies.render import markdown
-from studies.research.benchmarks.day import Day, Floor, Setting, draw_day, write_day
+from studies.research.truth.day import Day, Floor, Setting, draw_day, write_day
 from studies.results.base import envelope
 from studies.results.enough import EnoughResult
 

@@ -16,7 +16,7 @@ from calib.arrays import Array
 from calib.prediction.budget import budget_of
 from calib.prediction.estimate import estimate_of
 from calib.scatter import Variances, parted, pose_to_pose
-from studies.research.benchmarks.day import Setting, draw_day, write_day
+from studies.research.truth.day import Setting, draw_day, write_day
 
 
 def _gear(size: float) -> Callable[[Array], Array]:

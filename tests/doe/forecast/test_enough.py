@@ -24,7 +24,7 @@ from calib.cell.targets import targets_of
 from calib.model.covariance import accuracy
 from calib.noise import Noise
 from doe.forecast.enough import Enough, enough
-from studies.research.benchmarks.day import Setting, draw_day, write_day
+from studies.research.truth.day import Setting, draw_day, write_day
 from tests.doe.forecast.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import read_by, with_effects
 

@@ -13,7 +13,7 @@ from calib.arrays import Array
 from calib.prediction.estimate import fitted_of
 from doe.forecast.enough import Enough, enough
 from doe.forecast.unseen import at_ends, at_held_out
-from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
+from studies.research.truth.day import Day, Setting, draw_day, write_day
 
 _POSES, _DAYS = 40, 10
 _HERE = Setting("6R", 0.0, 1, _POSES, 3)

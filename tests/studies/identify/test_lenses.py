@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.research.benchmarks.lenses import written
+from studies.research.cameras import written
 from tests.studies.command_line import run
 
 pytest.importorskip("cv2", exc_type=ImportError)

@@ -14,8 +14,8 @@ import pytest
 from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.urdf import load_urdf
-from studies.research.benchmarks.day import Setting, draw_day, write_day
-from studies.research.withheld.truth import Action
+from studies.research.truth.day import Setting, draw_day, write_day
+from studies.research.truth.mechanism import Action
 from tests.bad_inputs.run import posecal
 from tests.helpers import cell_text
 from tests.plain_arm import rpy_pose, turn

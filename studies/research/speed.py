@@ -30,11 +30,9 @@ import calib
 from calib.errors import CalibError
 from studies.research import cameras, problems
 from studies.research.bench import Output, Row, bench, count, real_data, table
-from studies.research.truth.day import SIGMA, Setting, draw_day, write_day
 
 RUN = "from studies.cli import run; run()"
-TRIALS, WORKERS, STAYS = 1000, 2, 40
-_SCATTER = 30e-6  # m, 3-D RMS of the tip
+TRIALS, WORKERS = 1000, 2
 _MB = 1e6 if sys.platform == "darwin" else 1e6 / 1024
 Data = tuple[calib.Cell, calib.Measurements]
 Runs = Callable[[int], list[float]]
@@ -83,29 +81,6 @@ def design(p: int, candidates: int, *more: str) -> Runs:
             return call(repeats)
 
     return measure
-
-
-def readings(number: int) -> Runs:
-    """``posecal identify`` of so many readings of one marker in 40 stays, as of motion capture."""
-
-    def measure(repeats: int) -> list[float]:
-        day = draw_day(Setting("6R", _SCATTER, 1, STAYS, 1), 0, 0)
-        rng = np.random.default_rng([0, number])
-        stay = np.sort(np.arange(number) % STAYS)
-        there = day.approach(day.q, rng)[stay]
-        read = there + rng.normal(size=there.shape) * SIGMA
-        names = tuple(f"r{i}" for i in range(number))
-        day = replace(day, names=names, q=day.q[stay], exact=day.exact[stay], read=read)
-        with TemporaryDirectory() as name:
-            write_day(Path(name), day)
-            return command("identify", "cell.toml", "measurements.csv", folder=Path(name))(repeats)
-
-    return measure
-
-
-def ratio(above: Runs, below: Runs) -> Runs:
-    """One time as a multiple of another."""
-    return lambda repeats: [a / b for a, b in zip(above(repeats), below(repeats), strict=True)]
 
 
 # -- in the library --------------------------------------------------------------------------------
@@ -208,17 +183,12 @@ def _refits() -> Callable[..., Any]:
     return run
 
 
-_POSES: Runs = partial(fits, partial(tracked, 10_000), diagnosed=True)
-_IMAGES: Runs = partial(fits, partial(filmed, 5000), diagnosed=True)
 LIBRARY: dict[str, Runs] = {
     "pool": pool,
     "pool-mb": partial(most_mb, pool),
     "identify": partial(fits, partial(real_data, "ur10_leica_b")),
     "images": partial(fits, partial(filmed, 500)),
-    "poses": _POSES,
-    "poses-mb": partial(most_mb, _POSES),
-    "filmed": _IMAGES,
-    "filmed-mb": partial(most_mb, _IMAGES),
+    "poses": partial(fits, partial(tracked, 10_000), diagnosed=True),
     "refits": refits,
     "workers": two_workers,
 }
@@ -228,22 +198,15 @@ _IN_LIBRARY = {
     "identify": ("identify 1495 x 3, in the library", "s"),
     "images": ("identify 500 images of 88 corners, in the library", "s"),
     "poses": ("identify and diagnose 10 000 poses of 3 markers", "s"),
-    "poses-mb": ("their memory", "MB"),
-    "filmed": ("identify and diagnose 5 000 images of 88 corners", "s"),
-    "filmed-mb": ("their memory", "MB"),
     "refits": ("1000 refits of 15 poses, in the library", "s"),
     "workers": ("their gain by two workers", "x"),
 }
-_CURVE = ratio(design(9, 10_000, "--curve"), design(9, 10_000))
 SPEEDS: dict[str, tuple[str, str, Runs]] = {
     "import": ("import calib", "s", partial(process, ["-c", "import calib"])),
     "help": ("posecal --help", "s", command("--help")),
     "design": ("posecal design, 1e5 candidates, p 9", "s", design(9, 100_000)),
     "design-42": ("posecal design, 2e4 candidates, p 42", "s", design(42, 20_000)),
-    "curve": ("design --curve over design, 1e4 candidates", "x", _CURVE),
     **{name: (*says, inside(name)) for name, says in _IN_LIBRARY.items()},
-    "readings": ("identify 12 000 readings of one marker", "s", readings(12_000)),
-    "readings-x": ("100 000 over 12 000", "x", ratio(readings(100_000), readings(12_000))),
     "demo": ("posecal demo", "s", command("demo", "demo")),
 }
 """By name: what is measured, its unit, and how."""

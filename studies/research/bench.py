@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import os
-import statistics
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -35,7 +34,6 @@ Output = tuple[Iterable[Any], Any]
 """What is printed, one after another, and what the file holds."""
 
 _BESIDE = Path(__file__).parents[3] / "shared" / "data"
-_ENOUGH = 2.0  # seconds of repeated runs after which there are no more
 
 
 def bench(
@@ -112,16 +110,6 @@ def clocked(work: Callable[[], T]) -> tuple[T, float]:
     """What a call gives, and its seconds on processors."""
     begun = time.process_time()
     return work(), time.process_time() - begun
-
-
-def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """Result and median seconds of three runs, fewer once they took two seconds."""
-    seconds: list[float] = []
-    while len(seconds) < 3 and sum(seconds) < _ENOUGH:
-        begun = time.perf_counter()
-        result = work()
-        seconds.append(time.perf_counter() - begun)
-    return result, statistics.median(seconds)
 
 
 def rms(values: ArrayLike) -> float:

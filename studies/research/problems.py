@@ -13,12 +13,10 @@ import numpy as np
 
 import calib
 from calib import Cell
-from calib.arrays import Array
 from calib.cell.planned import Planned, Targets
 from doe.candidates import Pool, candidates_of
 from doe.levels import levels_of, parse_levels
-from doe.optimal.blocks import Blocks, pack
-from doe.problem import RIDGE, Problem, problem_of
+from doe.problem import Problem, problem_of
 from doe.request import Request
 from studies.demo.embedded import embedded_cell
 
@@ -32,15 +30,12 @@ t3,-30,-50,80,-30,-45,10
 """
 
 
-def paper_cell(masses: bool = True, geometric: bool = False) -> Cell:
+def paper_cell(masses: bool = True) -> Cell:
     """The embedded cell with its compliances unknown, targets those of the milling task.
 
-    masses : the links weigh; geometric : the geometry is unknown instead, and nothing hangs on the arm
+    masses : the links weigh
     """
-    cell = embedded_cell()
-    cell = replace(cell, effects=("base", "tool", "geometry") if geometric else ELASTIC)
-    if geometric:
-        cell = replace(cell, load=None)
+    cell = replace(embedded_cell(), effects=ELASTIC)
     if not masses:
         light = replace(cell.robot, masses=np.zeros_like(cell.robot.masses))
         cell = replace(cell, robot=light)
@@ -61,9 +56,3 @@ def pool(posed: Problem, count: int) -> Pool:
     """Candidates of a problem, seed 0."""
     offered = candidates_of(posed.cell, posed.constraints, posed.request.levels, count, 0)
     return offered.informed(posed.regressor)
-
-
-def blocks_of(matrices: Array) -> Blocks:
-    """Blocks of given information matrices, (n, p, p)."""
-    rank = int(np.linalg.matrix_rank(matrices[:50], tol=1e-8).max())
-    return Blocks(pack(matrices), RIDGE * np.eye(matrices.shape[-1]), rank)

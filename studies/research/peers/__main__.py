@@ -3,8 +3,7 @@
     python -m studies.research.peers FOLDER [--repeats 3] [--json FILE]
 
 Every other program is installed below FOLDER by pip. 100 of 700 poses of a real arm are to be fitted,
-the others predicted, and plans chosen from information of candidates. What does not install is left out
-and said. Times of fits are CPU seconds of one thread.
+the others predicted. What does not install is left out and said. Times are CPU seconds of one thread.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 
 from calib.errors import CalibError
 from studies.research.bench import Output, Row, bench, count, rms, table
-from studies.research.peers import designs
 from studies.research.peers.run import Left, environments, solved
 from studies.research.peers.work import Work, write_work
 
@@ -36,7 +34,7 @@ def main(folder: Path, repeats: int, seed: int) -> Output:
     pythons, skipped = environments(folder)
     work = write_work(folder / "work")
     rows: list[Row] = []
-    for name in (*OWN, *(name for name in pythons if name != "pydex")):  # that one designs alone
+    for name in (*OWN, *pythons):
         answer = solved(pythons.get(name, Path(sys.executable)), name, work.folder, repeats)
         if isinstance(answer, Left):
             skipped.append(str(answer))
@@ -46,10 +44,8 @@ def main(folder: Path, repeats: int, seed: int) -> Output:
         raise CalibError("posecal itself did not answer: " + "; ".join(skipped))
     for row in rows:
         row["x posecal"] = row["seconds"] / rows[0]["seconds"]
-    plans, left = designs.beside(pythons)
     fits = ({key: row[key] for key in _SHOWN} for row in rows)
-    shown = [table(fits), "", table(plans), *skipped, *left]
-    return shown, {"identification": rows, "design": plans}
+    return [table(fits), *skipped], {"identification": rows}
 
 
 def rows_of(name: str, answer: Row, work: Work) -> list[Row]:

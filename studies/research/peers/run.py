@@ -12,7 +12,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 INSTALL_S, RUN_S = 420.0, 240.0  # after which one is left out
-REQUIRED = {"figaroh": "figaroh==1.0.2", "pydex": "pydex==0.0.9"}
+REQUIRED = {"figaroh": "figaroh==1.0.2"}
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,13 @@ def solved(python: Path, name: str, folder: Path, repeats: int) -> dict[str, Any
     return found
 
 
-def said_by(run: list[str], limit: float, name: str, folder: Path | None = None) -> str | Left:
+def said_by(run: list[str], limit: float, name: str) -> str | Left:
     """What a program prints that ends well, on one thread, or why it is left out."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
     env = {**os.environ, **dict.fromkeys(names, "1")}
     try:
         done = subprocess.run(  # noqa: S603
-            run, capture_output=True, text=True, timeout=limit, cwd=folder, env=env
+            run, capture_output=True, text=True, timeout=limit, env=env
         )
     except subprocess.TimeoutExpired:
         return Left(name, f"not done after {limit:.0f} s")

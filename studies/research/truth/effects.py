@@ -13,7 +13,21 @@ import numpy as np
 
 from studies.research.truth import formulas as f
 from studies.research.truth.arms import Array
-from studies.research.truth.formulas import AXES, Effect, OfJoint, of_joint, of_marker, wave
+from studies.research.truth.formulas import (
+    AXES,
+    Effect,
+    OfJoint,
+    of_frame,
+    of_joint,
+    of_load,
+    of_marker,
+    of_place,
+    of_reading,
+    six,
+    wave,
+    weights,
+)
+from studies.research.truth.mechanism import Action, State
 from studies.research.truth.scene import Scene
 
 Sizes = dict[str, float]
@@ -200,6 +214,17 @@ def _q(scene: Scene, k: int) -> Array:
     return scene.session.q[:, k]
 
 
+_JUMP = of_place(lambda s, v: (s.clock >= v["at"]).astype(float))
+_SETTLED = np.array([0.3, 0.2, -1.0, 0.4, -0.3, 0.2])
+
+
+def _two_jumps(scene: Scene, state: State, where: str, values: f.Values) -> Action:
+    # A collision: the joint's zero and the base jump at the same moment.
+    action = _JUMP(scene, state, where, values)
+    action.add(_JUMP(scene, state, "base", values), np.ones(scene.count))
+    return action
+
+
 FIRST: dict[str, Kind] = {
     "joint_compliance": Kind(
         of_joint(lambda s, at, k, v: v["compliance"] * at.torque[:, k]),
@@ -225,9 +250,14 @@ FIRST: dict[str, Kind] = {
         _one("half_width", 1e-4), most={"half_width": 2e-3}, believed=1e-3,
     ),
     "bearing_compliance": Kind(f.bearing_compliance, _turning, _elastic("tilt", 0.02)),
-    "base_compliance": Kind(f.base_compliance, lambda s: ["base"], _elastic("tilt", 0.01)),
+    # Tilt about the horizontal directions by the moment about them.
+    "base_compliance": Kind(
+        of_frame(lambda s, at, v: v["tilt"] * at.wrench[:, 0] * [0, 0, 0, 1, 1, 0], 0),
+        lambda s: ["base"], _elastic("tilt", 0.01),
+    ),
+    # Six springs between flange and tool.
     "tool_compliance": Kind(
-        f.tool_compliance, lambda s: ["tool"], _tool,
+        of_frame(lambda s, at, v: at.wrench[:, -1] * six(v), -1), lambda s: ["tool"], _tool,
         most={**dict.fromkeys(AXES[:3], 1e-6), **dict.fromkeys(AXES[3:], 1e-4)},
     ),
     "payload": Kind(f.payload, lambda s: ["payload"], _payload),
@@ -235,18 +265,36 @@ FIRST: dict[str, Kind] = {
         of_joint(lambda s, _, k, v: np.full(s.count, v["offset"])), _all_known(_joints),
         _one("offset", 1e-4),
     ),
-    "link_geometry": Kind(f.link_geometry, _all_known(_joints), _six, rare=True),
+    "link_geometry": Kind(
+        of_frame(lambda s, at, v: six(v)), _all_known(_joints), _six, rare=True
+    ),
+    # Readings grow from the instrument's origin.
     "tracker_scale": Kind(
-        f.tracker_scale, _all_known(lambda s: ["instrument"]), _one("scale", 1e-5), rare=True
+        of_reading(lambda at, v: v["scale"] * at.aimed), _all_known(lambda s: ["instrument"]),
+        _one("scale", 1e-5), rare=True,
     ),
     "gravity_compensator": Kind(of_joint(f.gravity_compensator), _sprung, _spring, rare=True),
-    "link_weight": Kind(f.link_weight, _weighed, _one("mass", 1.0)),
-    "gravity_sag": Kind(f.gravity_sag, _sagging, _one("weight", 0.1, positive=True), rare=True),
-    "base_drift": Kind(f.base_drift, _shown("time", "base"), _six),
-    "tracker_drift": Kind(f.tracker_drift, _shown("time", "instrument"), _six),
+    # A link's mass is corrected, its centre stays where it is.
+    "link_weight": Kind(
+        of_load(lambda s, _, where, v: (s.index(where) + 1, weights(np.array([v["mass"]])))),
+        _weighed, _one("mass", 1.0),
+    ),
+    # Weights of all links, of which the user knows nothing.
+    "gravity_sag": Kind(
+        of_load(lambda s, _, where, v: (slice(1, -1), weights(v["weight"] * s.arm.masses))),
+        _sagging, _one("weight", 0.1, positive=True), rare=True,
+    ),
+    "base_drift": Kind(
+        of_frame(lambda s, at, v: np.outer(s.session.hours, six(v)), 0), _shown("time", "base"), _six
+    ),
+    "tracker_drift": Kind(
+        lambda s, at, _, v: f.moved_readings(s, at, np.outer(s.session.hours, six(v))),
+        _shown("time", "instrument"), _six,
+    ),
+    # Links grow along the way from their joint to the next one, from 20 degC.
     "thermal_expansion": Kind(
-        f.thermal_expansion, _growing, _one("growth", 1e-5, positive=True),
-        most={"growth": 4e-4}, believed=60e-6,
+        lambda s, at, where, v: f.grown(s, v["growth"] * f.warmth(s), where), _growing,
+        _one("growth", 1e-5, positive=True), most={"growth": 4e-4}, believed=60e-6,
     ),
 }  # fmt: skip
 LATER: dict[str, Kind] = {
@@ -255,17 +303,18 @@ LATER: dict[str, Kind] = {
         believed=300e-6,
     ),
     "warm_up": Kind(
-        f.warm_up, lambda s: ["base", "instrument", *s.arm.turning], _warm_up, believed=1e-3
+        of_place(lambda s, v: np.exp(-s.clock / v["tau"])),
+        lambda s: ["base", "instrument", *s.arm.turning], _warm_up, believed=1e-3,
     ),
-    "step": Kind(f.step, _stepping, _step, believed=3e-3),
+    "step": Kind(_JUMP, _stepping, _step, believed=3e-3),
     "settling": Kind(of_joint(f.settling), _turning, _settling, believed=2e-3),
     "friction_windup": Kind(
         of_joint(lambda s, _, k, v: -(s.compliance[k] * v["torque"] * s.session.approach[:, k])),
         lambda s: s.modelled, _one("torque", 10.0, positive=True),
     ),
     "measured_torque": Kind(
-        of_joint(f.measured_torque), lambda s: s.arm.soft if s.measured is not None else (),
-        _elastic("compliance", 0.1),
+        of_joint(lambda s, _, k, v: v["compliance"] * np.asarray(s.measured)[:, k]),
+        lambda s: s.arm.soft if s.measured is not None else (), _elastic("compliance", 0.1),
     ),
 }  # fmt: skip
 EFFECTS = {**FIRST, **LATER}
@@ -319,13 +368,24 @@ OUTSIDE: dict[str, Outside] = {
     "slipped_joint": _joint(
         lambda s, _, k, v: v["a"] * f.after(s, v["b"]), b=(0.3, 0.7), needs="time"
     ),
-    "bent_beam": Outside(f.bent_beam, "instrument", size=1e-6),
-    "settling_base": Outside(f.settling_base, "base", b=(0.3, 0.7), needs="time"),
+    # Distances that are wrong with the square of the range.
+    "bent_beam": Outside(
+        of_reading(
+            lambda at, v: v["a"] * np.linalg.norm(at.aimed, axis=-1, keepdims=True) * at.aimed
+        ),
+        "instrument", size=1e-6,
+    ),
+    # A base that moves once, in the middle of the session.
+    "settling_base": Outside(
+        of_frame(lambda s, at, v: np.outer(v["a"] * f.after(s, v["b"]), _SETTLED), 0),
+        "base", b=(0.3, 0.7), needs="time",
+    ),
 }  # fmt: skip
 BEYOND: dict[str, Effect] = {
-    "two_jumps": f.two_jumps,
-    "random_walk": f.random_walk,
-    "cable_force": f.cable_force,
+    "two_jumps": _two_jumps,
+    "random_walk": of_frame(f.random_walk, 0),
+    # A spring between the tip and a point fixed in the base frame, slack nowhere; ``a`` in N/m.
+    "cable_force": of_load(lambda s, at, _, v: (-1, v["a"] * (six(v)[:3] - at.o[:, -1]))),
     # A lag by the last move up to ``b`` [rad or m], and by no more after longer ones.
     "saturating_lag": of_joint(
         lambda s, _, k, v: -v["a"] * np.tanh(s.session.moves[:, k] / v["b"])

@@ -43,6 +43,48 @@ def moved_frame(scene: Scene, frame: int, twist: Array) -> Action:
     return action
 
 
+def of_frame(twist: Callable[[Scene, State, Values], Array], frame: int | None = None) -> Effect:
+    """A displacement (6,) or (N, 6) of a frame, by default of the joint at which an effect sits."""
+    return lambda scene, state, where, values: moved_frame(
+        scene, scene.index(where) + 1 if frame is None else frame, twist(scene, state, values)
+    )
+
+
+def of_load(load: Callable[[Scene, State, str, Values], tuple[int | slice, Array]]) -> Effect:
+    """Forces (N, 3), base axes, at the centres of some bodies."""
+
+    def act(scene: Scene, state: State, where: str, values: Values) -> Action:
+        action = scene.nothing()
+        bodies, force = load(scene, state, where, values)
+        action.load[:, bodies, :3] = force
+        return action
+
+    return act
+
+
+def of_reading(shift: Callable[[State, Values], Array]) -> Effect:
+    """A shift (N, M, 3) of readings."""
+
+    def act(scene: Scene, state: State, where: str, values: Values) -> Action:
+        action = scene.nothing()
+        action.reading[:] = shift(state, values)
+        return action
+
+    return act
+
+
+def of_place(by: Callable[[Scene, Values], Array]) -> Effect:
+    """A displacement of a joint, base, instrument or marker, times (N,)."""
+    return lambda scene, state, where, values: displaced(
+        scene, state, where, values, by(scene, values)
+    )
+
+
+def weights(masses: Array) -> Array:
+    """Forces of masses (n,) along -z, shape (n, 3)."""
+    return np.outer(-G * masses, [0.0, 0.0, 1.0])
+
+
 def moved_marker(scene: Scene, where: str, shift: Array) -> Action:
     """A displacement (N, 3) of one reflector in the tip frame, m."""
     action = scene.nothing()
@@ -150,12 +192,6 @@ def stiffness_vs_angle(scene: Scene, state: State, k: int, values: Values) -> Ar
     return np.interp(scene.session.q[:, k], knots, list(values.values())) * state.torque[:, k]
 
 
-def measured_torque(scene: Scene, state: State, k: int, values: Values) -> Array:
-    """A compliance under the torque that the file shows."""
-    assert scene.measured is not None  # noqa: S101
-    return np.asarray(values["compliance"] * scene.measured[:, k])
-
-
 def creep(scene: Scene, state: State, k: int, values: Values) -> Array:
     """A drive that follows the torque of the last minutes instead of the present one."""
     time, lagged = scene.session.time, np.zeros(scene.count)
@@ -181,25 +217,6 @@ def hardening_drive(scene: Scene, state: State, k: int, values: Values) -> Array
 # -- everything else -------------------------------------------------------------------------------
 
 
-def link_geometry(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A constant displacement of the joint's frame."""
-    return moved_frame(scene, scene.index(where) + 1, six(values))
-
-
-def gravity_sag(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Weights of all links, of which the user knows nothing."""
-    action = scene.nothing()
-    action.load[:, 1:-1, 2] = -G * values["weight"] * scene.arm.masses
-    return action
-
-
-def link_weight(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Correction of a link's mass, its centre staying where it is."""
-    action = scene.nothing()
-    action.load[:, scene.index(where) + 1, 2] = -G * values["mass"]
-    return action
-
-
 def payload(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Correction of the carried mass, of its centre, or of the measured wrench."""
     action = scene.nothing()
@@ -219,28 +236,6 @@ def bearing_compliance(scene: Scene, state: State, where: str, values: Values) -
     return action
 
 
-def base_compliance(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Tilt of the base about its horizontal directions by the moment about them."""
-    action = scene.nothing()
-    action.twist[:, 0, 3:5] = values["tilt"] * state.wrench[:, 0, 3:5]
-    return action
-
-
-def tool_compliance(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Six springs between flange and tool."""
-    return moved_frame(scene, -1, state.wrench[:, -1] * six(values))
-
-
-def base_drift(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A motion of the base in proportion to time, zero at the first pose."""
-    return moved_frame(scene, 0, np.outer(scene.session.hours, six(values)))
-
-
-def thermal_expansion(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Links grow along the way from their joint to the next one, from 20 degC."""
-    return grown(scene, values["growth"] * warmth(scene), where)
-
-
 def grown(scene: Scene, share: Array, where: str = "arm") -> Action:
     """One link, or all, longer by a share, shape (N,)."""
     action = scene.nothing()
@@ -248,28 +243,6 @@ def grown(scene: Scene, share: Array, where: str = "arm") -> Action:
         if where == "arm" or (frame > 1 and where == scene.arm.names[frame - 2]):
             action.twist[:, frame, :3] = np.outer(share, segment(scene, frame))
     return action
-
-
-def tracker_scale(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Readings grow from the instrument's origin."""
-    action = scene.nothing()
-    action.reading[:] = values["scale"] * state.aimed
-    return action
-
-
-def tracker_drift(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Readings move as one body in proportion to time, in the instrument's frame."""
-    return moved_readings(scene, state, scene.session.hours[:, None] * six(values))
-
-
-def warm_up(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """What is left of a displacement, exp(-t / tau)."""
-    return displaced(scene, state, where, values, np.exp(-scene.clock / values["tau"]))
-
-
-def step(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Base, instrument, joint or marker jumps at one moment and stays."""
-    return displaced(scene, state, where, values, (scene.clock >= values["at"]).astype(float))
 
 
 def wandering_axis(scene: Scene, state: State, where: str, values: Values) -> Action:
@@ -281,37 +254,8 @@ def wandering_axis(scene: Scene, state: State, where: str, values: Values) -> Ac
     return action
 
 
-def bent_beam(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """Distances that are wrong with the square of the range."""
-    action = scene.nothing()
-    away = np.linalg.norm(state.aimed, axis=-1, keepdims=True)
-    action.reading[:] = values["a"] * away * state.aimed
-    return action
-
-
-def settling_base(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A base that moves once, in the middle of the session."""
-    moved = np.outer(after(scene, values["b"]), [0.3, 0.2, -1.0, 0.4, -0.3, 0.2])
-    return moved_frame(scene, 0, moved * values["a"])
-
-
-def two_jumps(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A collision: the joint's zero and the base jump at the same moment."""
-    action = step(scene, state, where, values)
-    action.add(step(scene, state, "base", values), np.ones(scene.count))
-    return action
-
-
-def random_walk(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A base that wanders by independent steps from reading to reading; ``seed`` says which way."""
+def random_walk(scene: Scene, state: State, values: Values) -> Array:
+    """Independent steps of the base from reading to reading, (N, 6); ``seed`` says which way."""
     rng = np.random.default_rng(int(values["seed"]))
     steps = rng.normal(size=(scene.count, 6)) * [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]
-    return moved_frame(scene, 0, np.cumsum(steps, axis=0) * values["a"])
-
-
-def cable_force(scene: Scene, state: State, where: str, values: Values) -> Action:
-    """A spring between the tip and a point fixed in the base frame, slack nowhere; ``a`` in N/m."""
-    anchor = np.array([values["x"], values["y"], values["z"]])
-    action = scene.nothing()
-    action.load[:, -1, :3] = values["a"] * (anchor - state.o[:, -1])
-    return action
+    return np.asarray(np.cumsum(steps, axis=0) * values["a"])

@@ -209,13 +209,13 @@ def one(index: int, seed: int, starts: int) -> Row:
     found, search_s = clocked(lambda: best_plan(posed, relaxed, seed=seed))
     row = {
         "problem": f"{index} {drawn.criterion}", "joints": drawn.joints, "p": p, "poses": drawn.poses,
-        "candidates": n, "efficiency\nproved": found.value / relaxed.bound,
-        "relaxation\n[s]": relax_s, "search\n[s]": search_s,
+        "candidates": n, "proved": found.value / relaxed.bound,
+        "relax [s]": relax_s, "search [s]": search_s,
     }  # fmt: skip
     if starts:
         rng = np.random.default_rng(seed)
         value, seconds = clocked(lambda: Plain(drawn).best(starts, rng))
-        row |= {"over plain\nexchange": found.value / value - 1.0, "plain\n[s]": seconds}
+        row |= {"gain": found.value / value - 1.0, "plain [s]": seconds}
     return row
 
 
@@ -230,9 +230,9 @@ def main(problems: int, starts: int, seed: int, workers: int) -> Output:
     rows = each(one, tasks, workers, seed=seed, starts=starts)
     parts: list[Any] = [table(rows)]
     if starts:
-        gains = np.array([row["over plain\nexchange"] for row in rows])
-        ours = sum(row["relaxation\n[s]"] + row["search\n[s]"] for row in rows)
-        theirs = sum(row["plain\n[s]"] for row in rows)
+        gains = np.array([row["gain"] for row in rows])
+        ours = sum(row["relax [s]"] + row["search [s]"] for row in rows)
+        theirs = sum(row["plain [s]"] for row in rows)
         parts.append(
             f"worse by more than {_WORSE:g}: {(gains < -_WORSE).sum()} of {len(rows)}, better: "
             f"{(gains > _WORSE).sum()}; median {100.0 * np.median(gains):+.2f} %; plain exchange "

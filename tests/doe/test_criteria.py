@@ -1,18 +1,35 @@
-"""Criteria are information functions: everything that the certificate rests on."""
+"""Criteria are information functions, all that the certificate rests on; one of the user's own."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from importlib.metadata import EntryPoint
+from typing import ClassVar, Self
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import doe
+from calib import Cell, plugins
+from calib.errors import CalibError
+from doe.criteria import catalogue
+from doe.criteria.protocol import Question
+from doe.criteria.trace import Trace
 from doe.optimal.blocks import pack, unpack
-from tests.doe.problems import criteria, random_information
+from tests.doe.problems import criteria, random_information, unpolished
 
 P = 5
+
+
 NAMES = list(criteria(np.random.default_rng(0), P))
+
+
 SMOOTH = ["D", "Ds", "A", "c", "task", "E", "E of two"]
+
+
 seeds = st.integers(0, 10_000)
 
 
@@ -93,8 +110,6 @@ def test_concave_homogeneous_and_growing(name: str, seed: int) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_unchanged_by_relabelling(name: str) -> None:
     """The coordinates y have no say: only parameters in their units have."""
-    from dataclasses import fields, replace
-
     rng = np.random.default_rng(5)
     criterion = criteria(rng, P)[name]
     M, order = random_information(rng, P), rng.permutation(P)
@@ -115,3 +130,53 @@ def test_unchanged_by_relabelling(name: str) -> None:
         np.testing.assert_allclose(
             there.value(change.T @ M @ change), criterion.value(M), rtol=1e-8
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Relative(Trace):
+    """Mean variance of the parameters, each in its plausible size."""
+
+    name: ClassVar[str] = "relative"
+    unit: ClassVar[str] = "trace of the covariance, parameters in plausible sizes"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        return cls(question.sized.T)
+
+
+@pytest.fixture
+def announced(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    entry = EntryPoint("relative", f"{__name__}:Relative", "posecal.criteria")
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry])
+    catalogue.cache_clear()
+    yield
+    catalogue.cache_clear()
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("announced")
+def test_a_plan_is_designed_and_proved_by_its_name(kr270: Cell) -> None:
+    options = {"candidates": 250}
+    own = unpolished(kr270, criterion="relative", **options)
+    other = unpolished(kr270, criterion="D", **options)
+    sizes = own.problem.model.sizes
+
+    def relative(plan: doe.Design) -> float:
+        return float(np.sum((plan.assessment.std / sizes) ** 2))
+
+    assert own.value == pytest.approx(relative(own), rel=1e-6)
+    assert own.bound <= own.value <= relative(other)
+    assert own.efficiency == pytest.approx(own.bound / own.value)
+
+
+@pytest.mark.usefixtures("announced")
+def test_a_name_that_is_unknown_or_taken(kr270: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(
+        CalibError, match=r"criterion: 'B' is unknown; known are task, .*, relative"
+    ):
+        doe.design(kr270, criterion="B", candidates=10)
+    entry = EntryPoint("D", f"{__name__}:Relative", "posecal.criteria")
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry])
+    catalogue.cache_clear()
+    with pytest.raises(CalibError, match=r"criterion 'D' of .*: the name is taken"):
+        catalogue()

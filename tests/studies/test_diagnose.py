@@ -1,16 +1,135 @@
-"""What a diagnosis says: the verdict first, nothing undefined, nothing too wide."""
+"""``posecal diagnose``: files, published cases, every sentence; a plan before it is measured."""
 
 from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from calib import Cell, Poses
+from doe.forecast.foresee import foresee
 from studies import render
+from studies.demo.embedded import __file__ as demo_file
+from studies.results.base import envelope
 from studies.results.diagnose import DiagnoseResult
+from studies.results.plan import PlanResult
 from tests.fuzz.small_cell import small_results
+from tests.studies.command_line import result, run
+
+
+@pytest.mark.long
+def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> None:
+    better, figures = tmp_path / "better.toml", tmp_path / "figures"
+    done = run(
+        "diagnose", demo / "cell.toml", demo / "measurements.csv",
+        "--cell-out", better, "--figures", figures, "--json", tmp_path / "d.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert [p.name for p in figures.iterdir()] == ["causes.svg"]
+    assert f"{better}: the model as it was" in done.output.replace("\n", "")
+    assert str(demo.resolve()) not in better.read_text()
+
+
+@pytest.fixture(scope="module")
+def one_effect(
+    data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, Any], str, Path]:
+    """The published case with an effect, and the better cell."""
+    better = tmp_path_factory.mktemp("one_effect") / "better.toml"
+    call = ("diagnose", *example(data, "one_effect"), "--cell-out", better)
+    return *result(better.with_name("found.json"), *call), better
+
+
+def example(data: Path, name: str) -> tuple[object, ...]:
+    """Cell and table of a published case, and its poses held out."""
+    folder = data / "examples" / name
+    return folder / "cell.toml", folder / "measurements.csv", "--holdout", folder / "heldout.csv"
+
+
+@pytest.mark.long
+def test_a_published_case_with_an_effect(
+    one_effect: tuple[dict[str, Any], str, Path],
+) -> None:
+    fields, _, _ = one_effect
+    assert fields["verdict"] == "explained"
+    (effect,) = fields["effects"]
+    assert (effect["effect"], effect["where"]) == ("backlash", "a5")
+    (p,) = effect["parameters"]
+    assert abs(p["value"] - 120.0) < 3.0 * p["std"]
+    assert fields["located"][0]["depends_on"] == "approach:a5"
+    assert fields["gap"]["heldout_after_mm"] < 1.1 * fields["gap"]["floor_mm"]
+
+
+@pytest.mark.long
+def test_a_published_case_without_one(data: Path, tmp_path: Path) -> None:
+    fields, _ = result(tmp_path / "found.json", "diagnose", *example(data, "no_effect"))
+    assert fields["verdict"] == "no_gap"
+
+
+@pytest.mark.long
+def test_the_next_run_starts_from_the_better_model(
+    data: Path, one_effect: tuple[dict[str, Any], str, Path]
+) -> None:
+    _, said, better = one_effect
+    assert "Cause found: backlash:a5" in said
+    assert '"backlash:a5"' in better.read_text()
+    second = run("diagnose", better, data / "examples" / "one_effect" / "measurements.csv")
+    assert second.exit_code == 0, second.output
+    assert "No unmodelled error found: the residuals are noise" in second.output
+
+
+DEMO = Path(demo_file).parent
+
+
+@pytest.mark.long
+def test_a_plan_is_judged_before_anything_is_measured(tmp_path: Path) -> None:
+    out = tmp_path / "plan.json"
+    done = run("diagnose", DEMO / "cell.toml", DEMO / "plan.csv", "--plan-only", "--json", out)
+    assert done.exit_code == 0, done.output
+    assert max(map(len, done.output.splitlines()[:-1])) <= 110
+    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    assert fields["command"] == "diagnose"
+    assert fields["plan_only"] is True
+    assert fields["readings"] == 30
+    entries = {(e["effect"], e["where"]): e for e in fields["could_not_see"]}
+    assert entries["tracker_scale", "instrument"]["minimum_detectable"] is None
+    assert "geometry" in entries["tracker_scale", "instrument"]["reason"]
+    backlash = entries["backlash", "A2"]
+    assert backlash["unit"] == "urad"
+    assert backlash["reason"] is None
+    assert 1.0 < backlash["minimum_detectable"] < 100.0
+    assert any("time_s" in e["reason"] for e in fields["not_asked"])
+    for pair in fields["look_alikes"]:
+        own = entries[pair["effect"], pair["where"]]
+        times = pair["told_apart_times"]
+        assert times is None or times > 1.0
+        assert pair["probability_at_minimum"] < fields["sure"]
+        if times is not None:
+            expected = times * own["minimum_detectable"]
+            assert pair["told_apart_from"] == pytest.approx(expected)
+
+
+def test_measurements_are_read_without_their_points(data: Path) -> None:
+    folder = data / "examples" / "one_effect"
+    done = run("diagnose", folder / "cell.toml", folder / "measurements.csv", "--plan-only")
+    assert done.exit_code == 0, done.output
+    assert "base_drift:base = tracker_drift:instrument" in done.output
+
+
+@pytest.mark.long
+def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) -> None:
+    """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""
+    effects = ("base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
+    found = foresee(replace(kr270, effects=effects), table_two)
+    entries = PlanResult.of(found, kr270, envelope("cell", [])).could_not_see
+    assert all((e.minimum_detectable is None) == bool(e.reason) for e in entries)
+    tip = next(e for e in entries if e.key == "link_geometry:tool0")
+    assert tip.reason is not None
+    assert tip.reason.endswith("the markers in the same way")
 
 
 def likely(name: str, where: str) -> dict[str, Any]:
@@ -38,12 +157,18 @@ GAP = {
     "heldout_rose": False, "crossvalidated_before_mm": None, "crossvalidated_after_mm": None,
     "over_time_before_mm": None, "over_time_after_mm": None,
 }  # fmt: skip
+
+
 ROSE = {**GAP, "heldout_after_mm": 0.06, "closed": -0.4, "closed_ci95": None, "heldout_rose": True}
+
+
 NOISE = {
     "sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual", "configuration_of": None,
     "repeatability_mm": None, "repeatability_urad": None, "configuration_mm": None,
     "configuration_urad": None,
 }  # fmt: skip
+
+
 EMPTY = ("curves", "could_not_see", "outliers", "not_asked", "refused", "spectra")
 
 

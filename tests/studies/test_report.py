@@ -7,7 +7,6 @@ import re
 import shutil
 from html import unescape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +16,13 @@ import studies
 from studies.render import short
 from studies.results.identify import IdentifyResult
 from studies.results.read import read, read_as
-from tests.fuzz.report import check_harmless
 from tests.fuzz.small_cell import small_results
-from tests.studies.command_line import run
+from tests.studies.command_line import check_harmless, run
+from tests.studies.test_results import written
 
 MOST_BYTES = 400_000
+
+
 ARROW = "\N{RIGHTWARDS ARROW}"
 
 
@@ -40,12 +41,6 @@ def reported(page: Path, *words: object) -> str:
     done = run("report", *words, "-o", page)
     assert done.exit_code == 0, done.output
     return text_of(page.read_text())
-
-
-def written(name: str, folder: Path, **changed: Any) -> Path:
-    path = folder / f"{name}.json"
-    path.write_text(json.dumps({**small_results()[name], **changed}))
-    return path
 
 
 def test_it_is_small_and_needs_nothing_from_outside(html: str) -> None:
@@ -93,7 +88,12 @@ def test_outcome_by_the_tolerance(verdict: str | None, word: str, tmp_path: Path
     largest = 0.345 if verdict else None
     own = {"tolerance_mm": 0.2, "verdict": verdict, "largest_mm": largest}
     about = {"serial": "R-0815", "operator": "O. <N.>", "date": "2026-03-04"}
-    path = written("identified", tmp_path, acceptance=own, about=about, warnings=["it rained"])
+    path = written(
+        tmp_path,
+        "identified",
+        small_results()["identified"]
+        | {"acceptance": own, "about": about, "warnings": ["it rained"]},
+    )
     text = reported(tmp_path / "p.html", path)
     assert text.index(word) < text.index(ARROW)
     assert text.index("Warning: it rained.") < text.index("What to do next")
@@ -103,7 +103,7 @@ def test_outcome_by_the_tolerance(verdict: str | None, word: str, tmp_path: Path
 
 @pytest.mark.parametrize("name", ["identified", "compensated", "diagnosed", "enough", "designed"])
 def test_every_kind_with_errors_before_and_after(name: str, tmp_path: Path) -> None:
-    path = written(name, tmp_path)
+    path = written(tmp_path, name)
     found = read(path).error
     text = reported(tmp_path / "p.html", path)
     assert (found is None) == (name == "designed")

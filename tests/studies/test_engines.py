@@ -23,10 +23,12 @@ from studies.demo.embedded import embedded_text
 from tests.helpers import cell_of, random_poses, random_robot
 from tests.studies.command_line import paper_cell, run
 
-pytestmark = pytest.mark.long
-
 Study = tuple[SimulatedExperiment, list[Prediction]]
+
+
 COUNTS = (1, MOST_TRIALS - 1, MOST_TRIALS, 2 * MOST_TRIALS + 17)
+
+
 NOWHERE = "tcp://127.0.0.1:1"
 
 
@@ -75,6 +77,7 @@ def same(a: dict[str, Refits], b: dict[str, Refits]) -> bool:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("trials", COUNTS)
 def test_no_digit_depends_on_who_computes(
     study: Study, executor: Executor | None, trials: int
@@ -101,9 +104,6 @@ def compare(*options: str) -> Result:
     return run("compare", *options)
 
 
-# -- faults --------------------------------------------------------------------------------------
-
-
 def one_line(done: Result, *words: str) -> None:
     assert done.exit_code == 2, done.output
     assert len(done.stderr.splitlines()) == 1, done.stderr
@@ -111,12 +111,14 @@ def one_line(done: Result, *words: str) -> None:
     assert all(word in done.stderr for word in words), done.stderr
 
 
+@pytest.mark.long
 def test_nothing_listens(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(engines, "_PATIENCE_S", 1)
     one_line(compare(*small, "--scheduler", NOWHERE), NOWHERE)
 
 
+@pytest.mark.long
 def test_dask_is_not_installed(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     one_line(compare(*small, "--scheduler", NOWHERE), "dask is not installed", "pip install")
@@ -126,12 +128,14 @@ def die(*_: object) -> None:
     os._exit(1)
 
 
+@pytest.mark.long
 def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulate, "refit", die)
     done = compare(*small, "--monte-carlo", "200", "--workers", "2")
     one_line(done, "--workers: 2", "a worker died")
 
 
+@pytest.mark.long
 def test_a_fault_of_a_block_is_not_hidden(
     small: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,7 +40,7 @@ def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The paper's cell, what a robot that the model knows measures, and what ``identify`` writes; targets."""
+    """The paper's cell, what a robot that the model knows measures, and what ``identify`` writes."""
     folder = measured_cell(tmp_path_factory.mktemp("demo"))
     done = run(
         "identify", folder / "cell.toml", folder / "measurements.csv",

@@ -217,95 +217,57 @@ def test_the_verdict_comes_first_and_the_error_next() -> None:
     assert "backlash:A3 confirmed 0.90 50 % half_width 41.0 +- 1.2 urad/h" in said()
 
 
-def likely_cause() -> dict[str, Any]:
-    return effect("backlash", "A3", standing="likely")
+LIKELY = effect("backlash", "A3", standing="likely")
+RIPPLE = effect("gear_ripple", "A3", standing="one_of", aliases=[30.0])
+SCATTER = rest(0.017, "scatter", "arm", "measured")
+LARGE = rest(0.31, "too_large", "model", "measured")
+FORM = rest(0.0, "structure", "model", "assumed")
+STIFF = one_of(("joint_compliance", "A2"), ("bearing_compliance", "A2"))
+DRIFT = one_of(("base_drift", "base"), ("tracker_drift", "instrument"))
+TWO = [effect("backlash", "A3"), one_of(("backlash", "A1"), ("settling", "A2"))]
+VERDICTS: list[tuple[str, dict[str, Any], str]] = [
+    ("no_gap", {"effects": []}, "No unmodelled error found: the residuals are noise."),
+    ("no_gap", {"effects": [], "rest": SCATTER}, "are noise and the arm's repeatability."),
+    ("unknown", {"effects": []}, "Unmodelled error at A3, which depends on approach:A3"),
+    ("unknown", {"effects": [], "located": []}, "neither its place nor its cause"),
+    ("unknown", {"effects": [LIKELY], "rest": LARGE},
+     "Probable cause: backlash:A3; more remains than an arm scatters by."),
+    ("explained", {"gap": ROSE}, "backlash:A3. The error at held-out poses did not fall."),
+    ("partly", {}, "Cause found: backlash:A3; something systematic remains."),
+    ("partly", {"rest": FORM}, "backlash:A3; the exact form may differ."),
+    ("ambiguous", {"effects": [LIKELY]}, "Probable cause: backlash:A3; not confirmed."),
+    ("ambiguous", {"effects": [RIPPLE]}, "gear_ripple:A3. Its cycles per turn may be others."),
+    ("ambiguous", {"effects": TWO},
+     "2 causes found: backlash:A3 and backlash:A1 or settling:A2. These data cannot tell which."),
+    ("ambiguous", {"effects": [STIFF]}, "posecal design CELL --extend DATA --poses 8 --discriminate "
+     "joint_compliance:A2,bearing_compliance:A2"),
+    ("ambiguous", {"effects": [DRIFT]}, "Correct for any of them: they act alike here."),
+]  # fmt: skip
 
 
-VERDICTS: list[tuple[dict[str, Any], str]] = [
-    ({"verdict": "no_gap", "effects": []}, "No unmodelled error found: the residuals are noise."),
-    (
-        {"verdict": "no_gap", "effects": [], "rest": rest(0.017, "scatter", "arm", "measured")},
-        "the residuals are noise and the arm's repeatability.",
-    ),
-    ({"verdict": "unknown", "effects": []}, "Unmodelled error at A3, which depends on approach:A3"),
-    ({"verdict": "unknown", "effects": [], "located": []}, "neither its place nor its cause"),
-    (
-        {
-            "verdict": "unknown",
-            "effects": [likely_cause()],
-            "rest": rest(0.31, "too_large", "model", "measured"),
-        },
-        "Probable cause: backlash:A3; more remains than an arm scatters by.",
-    ),
-    ({"gap": ROSE}, "Cause found: backlash:A3. The error at held-out poses did not fall."),
-    ({"verdict": "partly"}, "Cause found: backlash:A3; something systematic remains."),
-    (
-        {"verdict": "partly", "rest": rest(0.0, "structure", "model", "assumed")},
-        "backlash:A3; the exact form may differ.",
-    ),
-    (
-        {"verdict": "ambiguous", "effects": [likely_cause()]},
-        "Probable cause: backlash:A3; not confirmed.",
-    ),
-    (
-        {
-            "verdict": "ambiguous",
-            "effects": [effect("gear_ripple", "A3", standing="one_of", aliases=[30.0])],
-        },
-        "gear_ripple:A3. Its cycles per turn may be others.",
-    ),
-    (
-        {
-            "verdict": "ambiguous",
-            "effects": [effect("backlash", "A3"), one_of(("backlash", "A1"), ("settling", "A2"))],
-        },
-        "2 causes found: backlash:A3 and backlash:A1 or settling:A2. These data cannot tell which.",
-    ),
-    (
-        {
-            "verdict": "ambiguous",
-            "effects": [one_of(("joint_compliance", "A2"), ("bearing_compliance", "A2"))],
-        },
-        "posecal design CELL --extend DATA --poses 8 --discriminate "
-        "joint_compliance:A2,bearing_compliance:A2",
-    ),
-    (
-        {
-            "verdict": "ambiguous",
-            "effects": [one_of(("base_drift", "base"), ("tracker_drift", "instrument"))],
-        },
-        "Correct for any of them: they act alike here.",
-    ),
-]
+@pytest.mark.parametrize(("verdict", "changed", "words"), VERDICTS)
+def test_every_verdict_is_a_sentence(verdict: str, changed: dict[str, Any], words: str) -> None:
+    assert words in said(verdict=verdict, **changed)
 
 
-@pytest.mark.parametrize(("changed", "words"), VERDICTS)
-def test_every_verdict_is_a_sentence(changed: dict[str, Any], words: str) -> None:
-    assert words in said(**changed)
+REMAINS = [
+    ("none", "instrument", "assumed", "Nothing remains beyond noise.", ""),
+    ("scatter", "arm", "measured", "0.0170 mm remains: the arm's repeatability.",
+     "repeatability of such an arm: repeat visits show 0.0200 mm"),
+    ("scatter", "undecided", "assumed",
+     "the arm's repeatability may be the reason. Visit some poses again to be sure.",
+     "data sheets of arms of this size state at most 0.0200 mm"),
+    ("too_large", "model", "stated", "0.0170 mm remains.", "the cell states 0.0200 mm"),
+    ("structure", "model", "assumed", "0.0170 mm remains.", "no cause in the catalogue fits"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("remains", "first", "below"),
-    [
-        (("none", "instrument", "assumed"), "Nothing remains beyond noise.", ""),
-        (
-            ("scatter", "arm", "measured"),
-            "0.0170 mm remains: the arm's repeatability.",
-            "repeatability of such an arm: repeat visits show 0.0200 mm",
-        ),
-        (
-            ("scatter", "undecided", "assumed"),
-            "the arm's repeatability may be the reason. Visit some poses again to be sure.",
-            "data sheets of arms of this size state at most 0.0200 mm",
-        ),
-        (("too_large", "model", "stated"), "0.0170 mm remains.", "the cell states 0.0200 mm"),
-        (("structure", "model", "assumed"), "0.0170 mm remains.", "no cause in the catalogue fits"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "of", "source", "first", "below"), REMAINS)
 def test_what_remains_is_said_with_whose_it_is(
-    remains: tuple[str, str, str], first: str, below: str
+    kind: str, of: str, source: str, first: str, below: str
 ) -> None:
-    _, advice, body = render.parts(render.markdown(diagnosed(rest=rest(0.017, *remains))))
+    result = diagnosed(rest=rest(0.017, kind, of, source))
+    _, advice, body = render.parts(render.markdown(result))
     assert first in " ".join(advice.split())
     assert below in " ".join(body.split())
 

@@ -7,10 +7,9 @@ import hashlib
 import json
 import math
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ import pytest
 import calib
 from calib import load_cell, load_plan, readings
 from calib.arm.kinematics import forward
+from calib.arm.robot import Robot
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.files.urdf import load_urdf
@@ -25,11 +25,9 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from studies.research.benchmarks.day import Setting, draw_day, write_day
+from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
 from studies.research.benchmarks.lenses import written
 from studies.research.withheld.truth import Action
-from tests.helpers import cell_text
-from tests.plain_arm import rpy_pose, turn
 from tests.studies.command_line import paper_cell, result, run
 
 
@@ -208,174 +206,96 @@ def test_a_wrong_lens_is_found(asked: tuple[str, str], tmp_path: Path) -> None:
         assert abs(rows[name]["value"] - value) < 4.0 * rows[name]["std"], name
 
 
-SIGMA = 1e-5  # m
+@dataclass(frozen=True)
+class Written:
+    """A day of an arm that is off everywhere, and the folder of what ``identify`` writes of it."""
+
+    day: Day
+    folder: Path
+    said: str
+
+    def at_link(self, link: str, q: Array) -> Array:
+        """The origin of a link of the corrected file at joints (N, n), shape (N, 3), m."""
+        robot = load_urdf(self.folder / "found.urdf", "base", link)
+        return np.asarray(forward(robot, q).o[:, robot.tip_frame])
+
+    def markers(self, q: Array) -> Array:
+        """The markers of the corrected file, shape (N, 3, 3), m."""
+        return np.stack([self.at_link(f"marker_m{j}", q) for j in (1, 2, 3)], axis=1)
 
 
-MARKERS = np.array([[0.08, 0.0, 0.04], [-0.04, 0.07, 0.05], [-0.04, -0.07, 0.03]])
-
-
-CELL = cell_text('urdf = "arm.urdf"\nbase = "base"\ntip = "tool0"', "{marks}")
-
-
-PI = np.pi
-
-
-UR = {  # a UR5e by its published lengths
-    "shoulder": [0, 0, 0.1625, 0, 0, 0],
-    "upper_arm": [0, 0, 0, PI / 2, 0, 0],
-    "forearm": [-0.425, 0, 0, 0, 0, 0],
-    "wrist_1": [-0.3922, 0, 0.1333, 0, 0, 0],
-    "wrist_2": [0, -0.0997, 0, PI / 2, 0, 0],
-    "wrist_3": [0, 0.0996, 0, PI / 2, PI, PI],
-}
-
-
-NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-
-
-def ur_urdf() -> str:
-    """A UR5e whose joints turn about z, as its maker's file has them."""
-    text, parent = '<robot name="UR5e"><link name="base"/>', "base"
-    for name, own in zip(NAMES, UR.values(), strict=True):
-        xyz, rpy = (" ".join(map(repr, map(float, part))) for part in (own[:3], own[3:]))
-        text += (
-            f'<link name="{name}"/><joint name="{name}_joint" type="revolute">'
-            f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
-            '<axis xyz="0 0 1"/><limit lower="-6" upper="6" effort="0" velocity="1"/></joint>'
-        )
-        parent = name
-    return text + (
-        f'<link name="tool0"/><joint name="flange" type="fixed"><parent link="{parent}"/>'
-        '<child link="tool0"/></joint></robot>'
-    )
-
-
-def origins_of(path: Path) -> list[list[float]]:
-    """x y z roll pitch yaw of every joint that turns."""
-    root = ElementTree.parse(path).getroot()
-    origins = [j.find("origin") for j in root.findall("joint[@type='revolute']")]
-    return [[float(v) for key in ("xyz", "rpy") for v in o.get(key, "").split()]
-            for o in origins if o is not None]  # fmt: skip
-
-
-def fitted(true: Array, points: Array) -> float:
-    """RMS distance after the best rigid motion (Kabsch)."""
-    a, b = true.reshape(-1, 3), points.reshape(-1, 3)
-    U, _, Vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
-    R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
-    missed = a - a.mean(0) - (b - b.mean(0)) @ R.T
-    return float(np.sqrt(np.mean(np.sum(missed**2, axis=1))))
-
-
-class Day:
-    """A UR5e whose origins are off by up to a millimetre and a milliradian, measured at 40 poses."""
-
-    def __init__(self, folder: Path) -> None:
-        rng = np.random.default_rng(5)
-        self.folder = folder
-        true = [list(np.array(own) + 4e-4 * rng.normal(size=6)) for own in UR.values()]
-        placed = turn("x", 0.2) @ turn("z", 1.3)
-        q = rng.uniform(-2.5, 2.5, (60, 6))
-        points = np.array([(placed @ rpy_pose(true, p))[:3] for p in q])
-        tool = np.column_stack([MARKERS + 1e-3 * rng.normal(size=(3, 3)), np.ones(3)])
-        points = np.einsum("pik,mk->pmi", points, tool)
-        self.q, self.true = q[40:], points[40:]
-        noisy = points[:40] + SIGMA * rng.normal(size=(40, 3, 3))
-        (folder / "arm.urdf").write_text(ur_urdf())
-        marks = "\n".join(f"m{j + 1} = {(1e3 * m).tolist()}" for j, m in enumerate(MARKERS))
-        (folder / "cell.toml").write_text(CELL.format(marks=marks))
-        with (folder / "data.csv").open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(
-                ["pose", "marker", *(f"{n}_joint_rad" for n in NAMES), "x_m", "y_m", "z_m"]
-            )
-            for i, j in np.ndindex(40, 3):
-                writer.writerow([f"p{i}", f"m{j + 1}", *q[i], *noisy[i, j]])
-        self.said = run(
-            *("identify", folder / "cell.toml", folder / "data.csv"),
-            *("--zero-offsets", folder / "zeros.csv"),
-            *("--urdf", folder / "better.urdf"),
-        )
-        assert self.said.exit_code == 0, self.said.output
+def identified_day(folder: Path, *more: tuple[str, str]) -> Written:
+    """The day identified; more : what is replaced in the cell before."""
+    day = draw_day(Setting("6R", 1e-9, 1, 60, 3), 0, 5)
+    write_day(folder, day)
+    cell = folder / "cell.toml"
+    for old, new in more:
+        cell.write_text(cell.read_text().replace(old, new))
+    done = run(
+        "identify", cell, folder / "measurements.csv",
+        "--urdf", folder / "found.urdf", "--zero-offsets", folder / "zeros.csv",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    return Written(day, folder, " ".join(done.stdout.split()))
 
 
 @pytest.fixture(scope="module")
-def day(tmp_path_factory: pytest.TempPathFactory) -> Day:
-    return Day(tmp_path_factory.mktemp("day"))
+def written_day(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    return identified_day(tmp_path_factory.mktemp("day"))
 
 
-def test_zero_offsets_are_the_part_along_the_axes(day: Day) -> None:
-    rows = [*csv.DictReader((day.folder / "zeros.csv").read_text().splitlines())]
-    assert [row["joint"] for row in rows] == [f"{n}_joint" for n in NAMES]
-    assert [row["unit"] for row in rows] == ["deg"] * 6
-    for row in rows:
-        assert float(row["reads_at_zero"]) == -float(row["offset"])
-    said = re.search(
-        r"geometry found, ([\d.]+) mm at the markers, ([\d.]+) mm stay", day.said.output
-    )
-    assert said is not None
-    assert 0.0 < float(said[2]) < float(said[1])
-    nominal = [[*own[:3], *own[3:]] for own in UR.values()]
-    shifted = day.q + np.radians([float(row["offset"]) for row in rows])
-    true = origins_of(day.folder / "better.urdf")
-
-    def points(origins: list[list[float]], q: Array) -> Array:
-        T = np.array([rpy_pose(origins, p) for p in q])
-        tool = np.column_stack([MARKERS, np.ones(3)])
-        return np.einsum("pik,mk->pmi", T[:, :3], tool)
-
-    goal = points(true, day.q)
-    before, after = fitted(goal, points(nominal, day.q)), fitted(goal, points(nominal, shifted))
-    assert float(said[1]) == pytest.approx(before * 1e3, rel=0.3), "other poses, other markers"
-    assert float(said[2]) == pytest.approx(after * 1e3, rel=0.3)
-
-
-def best_placed(points: Array, true: Array) -> tuple[Array, Array]:
-    """R (3, 3) and p (3,) that bring points (N, 3) nearest to true ones."""
+def best_placed(points: Array, true: Array) -> tuple[Array, Array, float]:
+    """R (3, 3) and p (3,) that bring points (.., 3) nearest to true ones, and the RMS distance left."""
+    points, true = points.reshape(-1, 3), true.reshape(-1, 3)
     a, b = points - points.mean(0), true - true.mean(0)
     U, _, Vt = np.linalg.svd(a.T @ b)
     R = (U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T
-    return R, true.mean(0) - points.mean(0) @ R.T
+    left = float(np.sqrt(((a @ R.T - b) ** 2).sum(-1).mean()))
+    return R, true.mean(0) - points.mean(0) @ R.T, left
 
 
-def at_link(urdf: Path, link: str, q: Array) -> Array:
-    """The origin of a link at joints (N, n), shape (N, 3), m."""
-    robot = load_urdf(urdf, "base", link)
+def on_tip(robot: Robot, markers: Array, q: Array) -> Array:
+    """Markers (M, 3) of the tip at joints (N, n), shape (N, M, 3), m."""
     frames = forward(robot, q)
-    return np.asarray(frames.o[:, robot.tip_frame])
+    return np.asarray(markers @ np.swapaxes(frames.R[:, -1], -1, -2) + frames.o[:, -1:])
 
 
-def urdf_of(folder: Path) -> str:
-    """What is said where the corrected URDF of a day is written."""
-    files = (folder / "cell.toml", folder / "measurements.csv")
-    done = run("identify", *files, "--urdf", folder / "found.urdf")
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
-
-def test_the_markers_are_known_and_the_flange_is_not(tmp_path: Path) -> None:
-    day = draw_day(Setting("6R", 1e-9, 1, 60, 3), 0, 5)
-    write_day(tmp_path, day)
-    said = " ".join(urdf_of(tmp_path).split())
-    assert (
+def test_the_file_predicts_markers_at_new_poses_and_not_the_flange(written_day: Written) -> None:
+    said = (
         "only the markers (m1, m2, m3) are calibrated. The readings do not show where flange sits"
-        in said
     )
-    text = (tmp_path / "found.urdf").read_text()
+    assert said in written_day.said
+    text = (written_day.folder / "found.urdf").read_text()
     assert re.search(r"<!-- only the markers .* are calibrated\. .* where flange sits", text)
-    q, urdf = day.targets, tmp_path / "found.urdf"
-    ours = np.stack([at_link(urdf, f"marker_m{j}", q) for j in (1, 2, 3)], axis=1)
-    R, p = best_placed(ours.reshape(-1, 3), day.reached.reshape(-1, 3))
-    missed = ours @ R.T + p - day.reached
-    assert np.sqrt((missed**2).sum(-1).mean()) < 0.03e-3
+    day, q = written_day.day, written_day.day.targets
+    R, p, left = best_placed(written_day.markers(q), day.reached)
+    assert left < 0.03e-3
+    nominal = load_cell(written_day.folder / "cell.toml")
+    before = best_placed(on_tip(nominal.robot, nominal.markers, q), day.reached)[2]
+    assert before > 1e-3 > 30 * left
     still = Action.none(day.arm, len(q), 3)
     true = day.mechanism.rest(q, lambda _: still, (day.R, day.p)).o[:, -1] @ day.R.T + day.p
-    flange = at_link(urdf, "flange", q) @ R.T + p - true
+    flange = written_day.at_link("flange", q) @ R.T + p - true
     assert np.sqrt((flange**2).sum(-1).mean()) > 0.3e-3
 
 
 def test_known_markers_leave_nothing_to_say(tmp_path: Path) -> None:
-    write_day(tmp_path, draw_day(Setting("6R", 1e-9, 1, 60, 3), 0, 5))
-    cell = tmp_path / "cell.toml"
-    cell.write_text(cell.read_text().replace('"base", "tool"', '"base"'))
-    assert "only the markers" not in urdf_of(tmp_path) + (tmp_path / "found.urdf").read_text()
+    known = identified_day(tmp_path, ('"base", "tool"', '"base"'))
+    assert "only the markers" not in known.said + (tmp_path / "found.urdf").read_text()
+
+
+def test_zero_offsets_are_the_part_along_the_axes(written_day: Written) -> None:
+    rows = [*csv.DictReader((written_day.folder / "zeros.csv").read_text().splitlines())]
+    cell, q = load_cell(written_day.folder / "cell.toml"), written_day.day.targets
+    assert [(row["joint"], row["unit"]) for row in rows] == [(j, "deg") for j in cell.robot.joints]
+    assert all(float(row["reads_at_zero"]) == -float(row["offset"]) for row in rows)
+    pattern = r"geometry found, ([\d.]+) mm at the markers, ([\d.]+) mm stay"
+    said = re.search(pattern, written_day.said)
+    assert said is not None
+    assert 0.0 < float(said[2]) < float(said[1])
+    found = load_urdf(written_day.folder / "found.urdf", "base", "flange")
+    goal = on_tip(found, cell.markers, q)
+    shifted = q + np.radians([float(row["offset"]) for row in rows])
+    for words, moved in ((said[1], q), (said[2], shifted)):
+        left = best_placed(on_tip(cell.robot, cell.markers, moved), goal)[2]
+        assert float(words) == pytest.approx(left * 1e3, rel=0.3), "other poses, other markers"

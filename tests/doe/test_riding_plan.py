@@ -15,7 +15,7 @@ from calib.cell import Cell
 from doe import design
 from doe.constraints import scene_of, visible
 from studies.research.cameras import corners, frame, pixels
-from tests.calib.arm.test_mujoco import in_mujoco
+from tests.trees import in_mujoco
 from tests.two_arms import EYE, PLATE, in_view, urdf, written
 
 T_HEAD_EYE = from_xyz_rpy(np.array([0.05, 0.0, 0.06]), np.radians([-110.0, 0.0, -90.0]))

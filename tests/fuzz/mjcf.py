@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.files.mjcf import load_mjcf
-from tests.calib.mjcf_arms import random_mjcf
 from tests.fuzz.reader import PART, parts, put
+from tests.trees import random_mjcf
 
 
 def mjcf(folder: Path, content: bytes) -> object:

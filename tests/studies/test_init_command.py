@@ -15,7 +15,7 @@ import doe
 from calib.model.build import build
 from studies.demo.embedded import embedded_text
 from tests import two_arms
-from tests.calib.files.test_dh import TABLES
+from tests.calib.test_robots import TABLES
 from tests.helpers import all_seen
 from tests.studies.command_line import run as posecal
 

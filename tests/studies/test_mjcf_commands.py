@@ -15,8 +15,8 @@ import calib
 from calib.arm.se3 import fit_rigid, rotate, so3_exp
 from calib.arrays import Array
 from calib.files.cell_out import extended_cell
-from tests.calib.arm.test_mujoco import in_mujoco
 from tests.studies.command_line import run
+from tests.trees import in_mujoco
 
 SIGMA = 1e-5  # m
 NOMINAL = """<mujoco model="arm">

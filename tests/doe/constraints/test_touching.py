@@ -19,8 +19,8 @@ from calib.instruments.plane import place_of
 from calib.poses import poses_at
 from doe.constraints import scene_of, visible
 from studies.compare.experiment import POINTS, experiment_of, predict
-from tests.calib.instruments.test_slot import OFF, TRUE, arm, points_of
 from tests.helpers import all_seen, cell_of
+from tests.touched_arm import OFF, TRUE, arm, points_of
 
 ONE = np.array([[0.10, 0.02, -0.05]])
 SIGMA = 2e-5

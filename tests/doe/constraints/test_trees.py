@@ -16,7 +16,7 @@ from calib.arm.statics import loads_of, transmitted
 from doe.constraints import scene_of
 from doe.constraints.limits import static_torques
 from doe.constraints.self_collision import clear_of_itself
-from tests.calib.arm.test_trees import two_hands
+from tests.calib.test_trees import two_hands
 
 _RADIUS = 0.08
 

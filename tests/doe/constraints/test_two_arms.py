@@ -12,7 +12,7 @@ import calib
 from calib.arrays import Array
 from doe.constraints import scene_of
 from doe.constraints.self_collision import clear_of_itself
-from tests.calib.arm.test_mujoco import in_mujoco
+from tests.trees import in_mujoco
 from tests.two_arms import urdf, written
 
 BALLS = {

@@ -25,7 +25,7 @@ from studies.research.withheld.causes import Cause
 from studies.research.withheld.draw import Case, draw_scene
 from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm
 from studies.research.withheld.visible import at_rest
-from tests.calib.prediction.test_compensate import band, missed, wanted
+from tests.calib.test_compensate import band, missed, wanted
 from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
 
 pytestmark = pytest.mark.long

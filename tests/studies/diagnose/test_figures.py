@@ -11,10 +11,10 @@ from studies import figures
 from studies.render import markdown
 from studies.results.base import envelope
 from studies.results.diagnose import DiagnoseResult, SpectrumLines, aliases_of
-from tests.calib.diagnosis.test_error_curve import HALF, found
-from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
-from tests.calib.identification.test_identify_tunings import arm, session
-from tests.calib.identification.test_identify_tunings import read as instrument_reads
+from tests.calib.test_error_curve import HALF, found
+from tests.calib.test_recovered import arm, session
+from tests.calib.test_recovered import read as instrument_reads
+from tests.calib.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,13 +25,12 @@ from calib.prediction.compensate import Compensation
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate, estimate_of
 from calib.simulation import drawn_readings
-from studies.demo.embedded import embedded_plan
-from tests.helpers import cell_of, random_robot, simulated
+from tests.day import valued
+from tests.helpers import cell_of, random_robot, simulated, with_effects
 
 MARKERS = np.array([[0.2, 0.0, 0.05], [0.18, 0.1, -0.04], [0.22, -0.06, -0.08]])
-
-
 GEOMETRY = ("base", "tool", "geometry")
+SOFT = ("joint_compliance", "base_compliance", "bearing_compliance")
 
 
 def exactly(model: Model, values: Array, start: float = 0.0) -> Estimate:
@@ -39,18 +39,15 @@ def exactly(model: Model, values: Array, start: float = 0.0) -> Estimate:
     return Estimate(model, values, none, start, ModelDiscrepancy(0.0, "fitted poses"), ())
 
 
-def estimate(cell: Cell, values: dict[str, float], poses: Poses | None = None) -> Estimate:
-    """Exact knowledge of some parameters, the others zero."""
-    model = build(cell, poses).model
-    vector = np.array([values.get(p.id, 0.0) for p in model.parameters])
-    return exactly(model, vector)
-
-
 def drawn(cell: Cell, rng: np.random.Generator, size: float = 1.0) -> Estimate:
     """A robot with errors of plausible size in every parameter."""
     model = build(cell).model
-    values = size * model.sizes * rng.uniform(0.2, 1.0, len(model.parameters))
-    return exactly(model, values)
+    return exactly(model, size * model.sizes * rng.uniform(0.2, 1.0, len(model.parameters)))
+
+
+def arm_of(seed: int, effects: tuple[str, ...], dof: int = 6) -> tuple[Cell, np.random.Generator]:
+    rng = np.random.default_rng(seed)
+    return cell_of(random_robot(rng, dof), MARKERS, effects), rng
 
 
 def wanted(known: Estimate, found: Compensation) -> Array:
@@ -89,19 +86,19 @@ def kr270_targets(cell: Cell, count: int, seed: int) -> Array:
     return q
 
 
+# -- The arm comes where it is wanted
+
+
 @pytest.mark.parametrize(("dof", "prismatic"), [(6, ()), (7, (0,)), (8, ())])
 def test_the_arm_as_identified_reaches_the_nominal_pose(dof: int, prismatic: tuple[int]) -> None:
     rng = np.random.default_rng(dof)
     robot = random_robot(rng, dof, prismatic)
-    elastic = ("joint_compliance", "base_compliance", "bearing_compliance")
-    cell = cell_of(robot, MARKERS, [*GEOMETRY, "transmission_harmonic", *elastic])
-    known = drawn(cell, rng)
-    wrench = rng.normal(size=(40, 6)) * 100.0
+    cell = cell_of(robot, MARKERS, [*GEOMETRY, "transmission_harmonic", *SOFT])
+    known, wrench = drawn(cell, rng), rng.normal(size=(40, 6)) * 100.0
     targets = poses_at(rng.uniform(*(0.7 * robot.sample_limits().T), (40, dof)), wrench=wrench)
     found = calib.compensate(cell, known, targets)
     reached = tip_of(known.model, known.values, replace(found.targets, q=found.q))
-    nominal = forward(robot, targets.q)
-    met = np.array(found.limited_by) == ""
+    nominal, met = forward(robot, targets.q), np.array(found.limited_by) == ""
     assert met.mean() > 0.8
     assert found.rms(found.before) > 1e-3
     np.testing.assert_allclose(reached.o[met, -1], nominal.o[met, -1], atol=1e-8)
@@ -110,16 +107,14 @@ def test_the_arm_as_identified_reaches_the_nominal_pose(dof: int, prismatic: tup
     assert (found.left <= found.before + 1e-9).all()
 
 
-def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
+def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell, table_two: Poses) -> None:
     """250 kg on the tool: identified from simulated readings, judged by the full nonlinear truth."""
-    data, model, truth = simulated(kr270, embedded_plan(kr270), 3)
-    result = calib.identify(kr270, data)
-    found = calib.compensate(kr270, result, kr270_targets(kr270, 60, 1))
-    known, places = estimate_of(result), wanted(estimate_of(result), found)
-    corrected = replace(found.targets, q=found.q)
+    data, model, truth = simulated(kr270, table_two, 3)
+    known = estimate_of(calib.identify(kr270, data))
+    found = calib.compensate(kr270, known, kr270_targets(kr270, 60, 1))
+    places, corrected = wanted(known, found), replace(found.targets, q=found.q)
     assert found.targets.load_mass.min() == 250.0
-    before = missed(model.predict(truth, found.targets), places)
-    after = missed(model.predict(truth, corrected), places)
+    before, after = (missed(model.predict(truth, p), places) for p in (found.targets, corrected))
     met = found.left < 1e-7
     assert met.mean() > 0.9
     assert np.sqrt(before.mean()) > 3e-3
@@ -133,12 +128,13 @@ def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell) -> None:
 
 
 @pytest.mark.long
-def test_expected_error_is_that_of_arms_drawn_from_the_covariance(kr270: Cell) -> None:
-    data, _, _ = simulated(kr270, embedded_plan(kr270), 0)
+def test_expected_error_is_that_of_arms_drawn_from_the_covariance(
+    kr270: Cell, table_two: Poses
+) -> None:
+    data, _, _ = simulated(kr270, table_two, 0)
     known = estimate_of(calib.identify(kr270, data))
-    found = calib.compensate(kr270, known, kr270_targets(kr270, 12, 2))
+    found, count = calib.compensate(kr270, known, kr270_targets(kr270, 12, 2)), 400
     corrected, places = replace(found.targets, q=found.q), wanted(known, found)
-    count = 400
     root = np.linalg.cholesky(known.covariance + 1e-30 * np.eye(len(known.values)))
     draws = known.values + np.random.default_rng(0).normal(size=(count, len(root))) @ root.T
     square = missed(known.model.predict(draws, corrected), places).mean(axis=0)
@@ -151,24 +147,19 @@ def test_expected_error_is_that_of_arms_drawn_from_the_covariance(kr270: Cell) -
 
 def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
     """Gear errors in the truth and none in the model: what is left at new poses is what is stated."""
-    rng = np.random.default_rng(4)
-    robot = random_robot(rng, 6)
-    cell = cell_of(robot, MARKERS, GEOMETRY)
-    true = build(replace(cell, effects=(*GEOMETRY, "transmission_harmonic:j3"))).model
+    cell, rng = arm_of(4, GEOMETRY)
+    true = build(with_effects(cell, *GEOMETRY, "transmission_harmonic:j3")).model
     values = true.sizes * rng.uniform(-0.3, 0.3, len(true.parameters))
-    measured = poses_at(rng.uniform(*robot.limits.T, (120, 6)))
-    data = drawn_readings(true, values, measured, cell.noise, rng)
-    targets = rng.uniform(*robot.limits.T, (80, 6))
+    q = rng.uniform(*cell.robot.limits.T, (120, 6))
+    data = drawn_readings(true, values, poses_at(q), cell.noise, rng)
+    targets = rng.uniform(*cell.robot.limits.T, (80, 6))
     for heldout in (None, data.take(slice(80, None))):
-        result = calib.identify(cell, data.take(slice(80)), heldout=heldout)
-        found = calib.compensate(cell, result, targets)
+        known = estimate_of(calib.identify(cell, data.take(slice(80)), heldout=heldout))
+        found = calib.compensate(cell, known, targets)
         source = "left-out configurations" if heldout is None else "held-out poses"
         assert found.error.estimate.discrepancy.source == source
-        known = estimate_of(result)
-        after = missed(
-            true.predict(values, replace(found.targets, q=found.q)), wanted(known, found)
-        )
-        met = found.left < 1e-7
+        reached = true.predict(values, replace(found.targets, q=found.q))
+        after, met = missed(reached, wanted(known, found)), found.left < 1e-7
         assert found.rms(np.hypot(found.error.model, found.error.arm)) > 3e-6
         # The points of a pose err together, so a pose counts once: two samples of poses.
         poses = 80 - len(known.values) // 6 if heldout is None else 40
@@ -177,9 +168,9 @@ def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
 
 
 @pytest.mark.long
-def test_held_out_poses_that_stand_out_count_too(kr270: Cell) -> None:
+def test_held_out_poses_that_stand_out_count_too(kr270: Cell, table_two: Poses) -> None:
     """After identify and after diagnose alike: one held-out pose in six is 2 mm off."""
-    data, model, values = simulated(kr270, embedded_plan(kr270), 0)
+    data, model, values = simulated(kr270, table_two, 0)
     again = data.poses.take(np.arange(0, len(data), 5))
     held = drawn_readings(model, values, again, kr270.noise, np.random.default_rng(1))
     held.points[0] += [0.0, 0.002, 0.0]
@@ -192,11 +183,17 @@ def test_held_out_poses_that_stand_out_count_too(kr270: Cell) -> None:
         assert rest.rms == pytest.approx(2e-3 / np.sqrt(len(held)), rel=0.05)
 
 
-def cost(known: Estimate, target: Array, goal: tuple[Array, Array], length: float) -> object:
-    def residual(q: Array) -> Array:
-        tip = tip_of(known.model, known.values, poses_at(q[None]))
-        turn = so3_log(goal[0] @ tip.R[0, -1].T)
-        return np.concatenate([tip.o[0, -1] - goal[1], length * turn])
+# -- Few joints, limits, and singular poses
+
+
+def cost(known: Estimate, q: Array, length: float) -> Callable[[Array], Array]:
+    """What joints miss the nominal pose of a command by, turns over a length [m]."""
+    nominal = forward(known.model.robot, q[None])
+
+    def residual(joints: Array) -> Array:
+        tip = tip_of(known.model, known.values, poses_at(joints[None]))
+        turn = so3_log(nominal.R[0, -1] @ tip.R[0, -1].T)
+        return np.concatenate([tip.o[0, -1] - nominal.o[0, -1], length * turn])
 
     return residual
 
@@ -204,21 +201,14 @@ def cost(known: Estimate, target: Array, goal: tuple[Array, Array], length: floa
 @pytest.mark.parametrize("dof", [2, 3, 4, 5])
 def test_few_joints_put_the_tip_in_place_first(dof: int) -> None:
     """Against a general least-squares solver that hardly weighs orientation."""
-    rng = np.random.default_rng(dof)
-    robot = random_robot(rng, dof)
-    cell = cell_of(robot, MARKERS, ["geometry"])
-    known = drawn(cell, rng, 0.5)
-    q = rng.uniform(-1.5, 1.5, (12, dof))
+    cell, rng = arm_of(dof, ("geometry",), dof)
+    known, q = drawn(cell, rng, 0.5), rng.uniform(-1.5, 1.5, (12, dof))
     found = calib.compensate(cell, known, q)
     assert found.at == "tip"
-    nominal = forward(robot, q)
-    for i in range(len(q)):
-        goal = nominal.R[i, -1], nominal.o[i, -1]
-        best = least_squares(
-            cost(known, q[i], goal, 1e-4 * robot.reach), q[i], xtol=1e-15, ftol=1e-15
-        )
-        shortest = np.linalg.norm(best.fun[:3])
-        assert found.left[i] <= shortest + 2e-6
+    for i, own in enumerate(q):
+        off = cost(known, own, 1e-4 * cell.robot.reach)
+        best = least_squares(off, own, xtol=1e-15, ftol=1e-15)
+        assert found.left[i] <= np.linalg.norm(best.fun[:3]) + 2e-6
         assert "fewer than six joints" in found.limited_by[i]
     if dof >= 3:
         assert np.median(found.left) < 1e-6
@@ -229,23 +219,18 @@ def test_few_joints_put_the_tip_in_place_first(dof: int) -> None:
 def test_a_joint_stops_at_its_limit(kr270: Cell) -> None:
     """Where the correction would pass a limit, the rest is the bounded least-squares solution."""
     cell = replace(kr270, load=None, effects=("geometry",))
-    rng = np.random.default_rng(1)
-    known = drawn(cell, rng, 0.5)
-    q = np.array([[0.3, -0.9, 1.1, 0.4, 0.8, 0.5]])
-    free = calib.compensate(cell, known, q)
+    known = drawn(cell, np.random.default_rng(1), 0.5)
+    q = np.array([0.3, -0.9, 1.1, 0.4, 0.8, 0.5])
+    free = calib.compensate(cell, known, q[None])
     assert free.limited_by == ("",)
-    side = int(free.correction[0, 2] > 0.0)
     limits = cell.robot.limits.copy()
-    limits[2, side] = q[0, 2]
+    limits[2, int(free.correction[0, 2] > 0.0)] = q[2]
     cell = replace(cell, robot=replace(cell.robot, limits=limits))
-    found = calib.compensate(cell, known, q)
+    found = calib.compensate(cell, known, q[None])
     assert found.limited_by == ("limit of A3",)
-    assert found.q[0, 2] == q[0, 2]
-    nominal = forward(cell.robot, q)
-    goal = nominal.R[0, -1], nominal.o[0, -1]
-    rest = [k for k in range(6) if k != 2]
-    whole = cost(known, q[0], goal, 0.1 * cell.robot.reach)
-    best = least_squares(lambda x: whole(np.insert(x, 2, q[0, 2])), q[0, rest], xtol=1e-15)  # type: ignore[operator]
+    assert found.q[0, 2] == q[2]
+    rest, whole = [0, 1, 3, 4, 5], cost(known, q, 0.1 * cell.robot.reach)
+    best = least_squares(lambda x: whole(np.insert(x, 2, q[2])), q[rest], xtol=1e-15)
     np.testing.assert_allclose(found.q[0, rest], best.x, atol=1e-5)
     assert 0.0 < found.left[0] < found.before[0]
     assert found.expected[0] == found.left[0]
@@ -255,16 +240,12 @@ def test_a_stop_at_a_limit_leaves_no_more_than_a_shorter_way(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A joint that a long step takes to its limit stays there, far from where a short one ends."""
-    rng = np.random.default_rng(25)
-    robot = random_robot(rng, 6)
-    elastic = ("joint_compliance", "base_compliance", "bearing_compliance")
-    cell = cell_of(robot, MARKERS, [*GEOMETRY, "transmission_harmonic", *elastic])
-    known = drawn(cell, rng)
-    wrench = rng.normal(size=(80, 6)) * 100.0
-    targets = poses_at(rng.uniform(*robot.sample_limits().T, (80, 6)), wrench=wrench)
-    found = calib.compensate(cell, known, targets)
+    cell, rng = arm_of(25, (*GEOMETRY, "transmission_harmonic", *SOFT))
+    known, wrench = drawn(cell, rng), rng.normal(size=(80, 6)) * 100.0
+    q = rng.uniform(*cell.robot.sample_limits().T, (80, 6))
+    found = calib.compensate(cell, known, poses_at(q, wrench=wrench))
     monkeypatch.setattr(commands, "_SWINGS", commands._SWINGS[:1])
-    far = calib.compensate(cell, known, targets)
+    far = calib.compensate(cell, known, poses_at(q, wrench=wrench))
     assert any("limit" in why for why in far.limited_by)
     assert found.rms(found.left) < 0.2 * far.rms(far.left)
 
@@ -272,66 +253,55 @@ def test_a_stop_at_a_limit_leaves_no_more_than_a_shorter_way(
 def test_straight_wrist_is_not_swung_round(kr270: Cell) -> None:
     cell = replace(kr270, load=None, effects=("geometry",))
     known = drawn(cell, np.random.default_rng(2))
-    q = np.array([[0.2, -0.9, 1.2, 0.3, 0.0, 0.4]])
-    found = calib.compensate(cell, known, q)
+    found = calib.compensate(cell, known, np.array([[0.2, -0.9, 1.2, 0.3, 0.0, 0.4]]))
     assert found.limited_by == ("singular",)
     assert np.abs(found.correction).max() < 0.1
     assert found.left[0] < 0.2 * found.before[0]
 
 
+# -- What counts, and what does not
+
+
 def test_where_and_how_the_instrument_reads_does_not_move_the_arm() -> None:
-    rng = np.random.default_rng(7)
-    cell = cell_of(
-        random_robot(rng, 6), MARKERS, ["base", "tool", "joint_offset:j3", "tracker_scale"]
-    )
+    cell, rng = arm_of(7, ("base", "tool", "joint_offset:j3", "tracker_scale"))
     model = build(cell).model
-    values = model.sizes * rng.normal(size=len(model.parameters))
-    other = values.copy()
-    other[
-        [i for i, p in enumerate(model.parameters) if p.effect in ("base", "tracker_scale")]
-    ] *= -3.0
+    values, q = model.sizes * rng.normal(size=len(model.sizes)), rng.uniform(-1.5, 1.5, (10, 6))
+    kinds = np.array([p.effect for p in model.parameters])
+    other = np.where(np.isin(kinds, ["base", "tracker_scale"]), -3.0, 1.0) * values
     cov = np.diag(model.sizes**2) * 1e-6
-    q = rng.uniform(-1.5, 1.5, (10, 6))
     given = Estimate(model, values, cov, 0.0, ModelDiscrepancy(0.0, ""), ())
-    first = calib.compensate(cell, given, q)
-    second = calib.compensate(cell, replace(given, values=other), q)
+    blind = replace(given, covariance=cov * (kinds != "tracker_scale"))
+    first, second, third = (
+        calib.compensate(cell, own, q) for own in (given, replace(given, values=other), blind)
+    )
     np.testing.assert_allclose(first.q, second.q, atol=1e-9)
     np.testing.assert_allclose(first.before, second.before, atol=1e-9)
-    scale = [p.effect == "tracker_scale" for p in model.parameters]
-    blind = replace(given, covariance=cov * ~np.array(scale))
-    third = calib.compensate(cell, blind, q)
     np.testing.assert_allclose(first.error.parameters, third.error.parameters, rtol=1e-12)
 
 
 def test_what_was_not_identified_counts_only_where_it_shows() -> None:
     """An offset of a joint that never moved went into the markers: right there, wrong elsewhere."""
-    rng = np.random.default_rng(5)
-    robot = random_robot(rng, 6)
-    cell = cell_of(robot, MARKERS, ["base", "tool", "joint_offset:j4"])
-    model = build(replace(cell, effects=("base", "tool", "joint_offset:j4,j5"))).model
+    cell, rng = arm_of(5, ("base", "tool", "joint_offset:j4,j5"))
+    model = build(cell).model
     still = rng.uniform(-1.5, 1.5, (30, 6))
     still[:, 3:] = 0.3  # joints 4 to 6 never move: their offsets are those of the markers
     values = np.zeros(len(model.parameters))
-    data = drawn_readings(model, values, poses_at(still), cell.noise, rng)
     lost = np.array([p.effect == "joint_offset" for p in model.parameters])
-    _, J = model.jacobian(values, data.poses)
+    _, J = model.jacobian(values, poses_at(still))
     span = np.eye(len(lost))[:, ~lost]
     cov = ignorance(J.reshape(-1, len(lost)), span, model.sizes, lost)
-    elsewhere = still.copy()
-    elsewhere[:, 3:] = -1.0
+    elsewhere = np.where(np.arange(6) < 3, still, -1.0)
     here, there = (errors_at(model, values, cov, poses_at(q)) for q in (still, elsewhere))
     assert here.max() < 1e-9
     assert there.min() > 1e-5
 
 
 def test_backlash_follows_the_side_from_which_joints_come() -> None:
-    rng = np.random.default_rng(3)
-    cell = cell_of(random_robot(rng, 6), MARKERS, ["base", "tool", "backlash:j2"])
+    cell, rng = arm_of(3, ("base", "tool", "backlash:j2"))
     q = rng.uniform(-1.5, 1.5, (6, 6))
     sided = poses_at(q, approach=np.ones_like(q))
     model = build(cell, sided).model
-    values = np.array([3e-4 if p.effect == "backlash" else 0.0 for p in model.parameters])
-    known = exactly(model, values)
+    known = exactly(model, valued(model, backlash=3e-4))
     given = calib.compensate(cell, known, sided)
     np.testing.assert_allclose(given.correction[:, 1], -3e-4, atol=1e-9)
     assert given.notes == ()
@@ -342,38 +312,30 @@ def test_backlash_follows_the_side_from_which_joints_come() -> None:
     assert "p0000" in ordered.notes[1]
     assert len(ordered.notes) == 2
     # A move smaller than the correction is turned round by it.
-    step = np.repeat(q[:1], 3, axis=0)
-    step[1:, 1] += [0.1, 0.1001]
-    turned = calib.compensate(cell, known, np.vstack([step, step[2:] - [0, 1e-4, 0, 0, 0, 0]]))
+    steps = q[0] + np.outer([0.0, 0.1, 0.1001, 0.1], np.eye(6)[1])
+    turned = calib.compensate(cell, known, steps)
     assert any("turn a small move round before p0003" in note for note in turned.notes)
 
 
 def test_drift_and_heat_rest_where_the_targets_do_not_say() -> None:
-    rng = np.random.default_rng(6)
-    cell = cell_of(random_robot(rng, 6), MARKERS, ["tool", "base_drift", "thermal_expansion:arm"])
+    cell, rng = arm_of(6, ("tool", "base_drift", "thermal_expansion:arm"))
     q = rng.uniform(-1.5, 1.5, (5, 6))
     session = poses_at(q, time=np.full(5, 7200.0), temperature=np.full(5, 25.0))
     model = build(cell, session).model
-    values = np.where(
-        [p.name == "x" and p.effect == "base_drift" for p in model.parameters], 1e-7, 0.0
-    )
-    known = exactly(model, values, 3600.0)
-    cold = calib.compensate(cell, known, q)
-    assert len(cold.notes) == 2
-    assert cold.before.max() == 0.0
-    warm = calib.compensate(cell, known, session)
+    known = exactly(model, valued(model, base_drift=1e-7 * np.eye(6)[0]), 3600.0)
+    cold, warm = (calib.compensate(cell, known, own) for own in (q, session))
+    assert (len(cold.notes), cold.before.max()) == (2, 0.0)
     np.testing.assert_allclose(warm.before, 1e-7 * 3600.0, rtol=1e-9)
     assert warm.notes == ()
 
 
 def test_unusable_calls_are_refused(kr270: Cell) -> None:
-    known = estimate(replace(kr270, effects=("base", "tool")), {})
-    q = kr270_targets(kr270, 3, 0)
-    other = cell_of(random_robot(np.random.default_rng(0), 6), MARKERS, ["base"])
+    model = build(with_effects(kr270, "base", "tool")).model
+    known, q = exactly(model, valued(model)), kr270_targets(kr270, 3, 0)
     outside, broken = q.copy(), q.copy()
     outside[1, 4], broken[0, 0] = 2.5, np.nan
     for cell, targets, weights, text in (
-        (other, q, None, "robot with joints A1"),
+        (arm_of(0, ("base",))[0], q, None, "robot with joints A1"),
         (kr270, outside, None, "target p0001: A5 at 143.24 deg is outside"),
         (kr270, broken, None, "no numbers"),
         (kr270, q[:0], None, "no targets"),
@@ -387,7 +349,7 @@ def test_unusable_calls_are_refused(kr270: Cell) -> None:
 
 
 def test_weights_count_in_the_mean_and_nowhere_else(kr270: Cell) -> None:
-    known = drawn(replace(kr270, effects=("base", "tool", "geometry")), np.random.default_rng(0))
+    known = drawn(with_effects(kr270, *GEOMETRY), np.random.default_rng(0))
     q = kr270_targets(kr270, 4, 5)
     plain = calib.compensate(kr270, known, q)
     first = calib.compensate(kr270, known, q, weights=np.array([1.0, 0.0, 0.0, 0.0]))

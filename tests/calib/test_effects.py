@@ -67,10 +67,6 @@ def as_one(points: Array, xi: Array) -> Array:
 Formula = Callable[[Poses, int, Array], Array]
 
 
-def _coupled(poses: Poses, k: int, v: Array) -> Array:
-    return np.asarray(np.delete(poses.q, k, axis=1) @ v)
-
-
 def _settling(poses: Poses, k: int, v: Array) -> Array:
     move = np.asarray(poses.approach) * np.asarray(poses.motion)
     return -(v[0] * move[:, k] + v[1] * move[:, k] / np.abs(move).max(axis=1))
@@ -85,7 +81,7 @@ DQ: dict[str, Formula] = {
     "joint_offset": lambda poses, k, v: v[0] * np.ones(len(poses)),
     "transmission_scale": lambda poses, k, v: v[0] * poses.q[:, k],
     "transmission_harmonic": _turned,
-    "joint_coupling": _coupled,
+    "joint_coupling": lambda poses, k, v: np.delete(poses.q, k, axis=1) @ v,
     "backlash": lambda poses, k, v: v[0] * np.asarray(poses.approach)[:, k],
     "settling": _settling,
     "measured_torque": lambda poses, k, v: v[0] * np.asarray(poses.torque)[:, k],
@@ -110,21 +106,24 @@ def test_names_units_and_places() -> None:
     rng = np.random.default_rng(2)
     context = random_context(rng, random_robot(rng, 3, (1,)))
 
-    def shown(kind: str, where: str) -> list[tuple[str, str, float]]:
-        found = EFFECTS[kind].at(context, where).parameters
-        return [(p.name, p.unit, p.scale) for p in found]
-
-    assert shown("joint_coupling", "j1") == [
-        ("from_j2", "urad/m", 1e-6), ("from_j3", "urad/rad", 1e-6),
-    ]  # fmt: skip
-    assert shown("joint_coupling", "j2")[0] == ("from_j1", "um/rad", 1e-6)
-    assert shown("settling", "j1") == [("per_move", "urad/rad", 1e-6), ("per_speed", "urad", 1e-6)]
-    assert shown("joint_compliance", "j2") == [("compliance", "nm/N", 1e-9)]
-    assert shown("gravity_compensator", "j1") == [("spring", "N/mm", 1e3), ("preload", "N", 1.0)]
-    assert shown("base_drift", "base")[3] == ("rx", "urad/h", 1e-6 / 3600.0)
-    assert shown("warm_up", "base")[0] == ("tau", "min", 60.0)
-    assert shown("step", "j1") == [("at", "s", 1.0), ("offset", "urad", 1e-6)]
-    assert shown("gear_ripple", "j1")[:2] == [("cycles", "1/turn", 1.0), ("cos_1", "urad", 1e-6)]
+    for kind, where, at, expected in (
+        ("joint_coupling", "j1", 0, ("from_j2", "urad/m", 1e-6)),
+        ("joint_coupling", "j1", 1, ("from_j3", "urad/rad", 1e-6)),
+        ("joint_coupling", "j2", 0, ("from_j1", "um/rad", 1e-6)),
+        ("settling", "j1", 0, ("per_move", "urad/rad", 1e-6)),
+        ("settling", "j1", 1, ("per_speed", "urad", 1e-6)),
+        ("joint_compliance", "j2", 0, ("compliance", "nm/N", 1e-9)),
+        ("gravity_compensator", "j1", 0, ("spring", "N/mm", 1e3)),
+        ("gravity_compensator", "j1", 1, ("preload", "N", 1.0)),
+        ("base_drift", "base", 3, ("rx", "urad/h", 1e-6 / 3600.0)),
+        ("warm_up", "base", 0, ("tau", "min", 60.0)),
+        ("step", "j1", 0, ("at", "s", 1.0)),
+        ("step", "j1", 1, ("offset", "urad", 1e-6)),
+        ("gear_ripple", "j1", 0, ("cycles", "1/turn", 1.0)),
+        ("gear_ripple", "j1", 1, ("cos_1", "urad", 1e-6)),
+    ):
+        p = EFFECTS[kind].at(context, where).parameters[at]
+        assert (p.name, p.unit, p.scale) == expected
     assert EFFECTS["transmission_harmonic"].places(context) == ("j1", "j3")
 
 

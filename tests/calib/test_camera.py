@@ -32,23 +32,11 @@ from calib.model.build import build
 from studies.demo.embedded import embedded_text
 from studies.research.cameras import poses_that_show
 from tests import camera_days
+from tests import instrument_days as scenes
 from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
 from tests.camera_days import SETUPS, SIGMA_M, Truth, kr270_day
 from tests.helpers import central_difference
-from tests.instrument_days import (
-    AHEAD,
-    EFFECTS,
-    EYE,
-    HOME,
-    OFF,
-    PLATE,
-    TILES,
-    projected,
-    sights,
-    spread,
-    tabled,
-    true_tips,
-)
+from tests.instrument_days import OFF, TILES, projected, sights, spread, tabled, true_tips
 from tests.plain_arm import frame, looking
 from tests.studies.command_line import run
 
@@ -61,7 +49,7 @@ Write = Callable[..., Cell]
 @pytest.fixture
 def written(tmp_path: Path) -> Write:
     """Writes a cell of the KR 270 with these tables, and reads it."""
-    return lambda *tables: calib.load_cell(kr270_cell(tmp_path, *tables, effects=EFFECTS))
+    return lambda *tables: calib.load_cell(kr270_cell(tmp_path, *tables, effects=scenes.EFFECTS))
 
 
 def middle(cell: Cell, q: Array) -> Array:
@@ -79,7 +67,7 @@ def watched(
     cell = written(board_text("b", "tip", shape), camera_text("cam", "world", more, lens))
     q = spread(1, count)
     C, rng = looking(middle(cell, q), STANDS), None if seed is None else np.random.default_rng(seed)
-    rows = sights("cam", "b", shape, true_tips(cell, q) @ PLATE, C, rng)
+    rows = sights("cam", "b", shape, true_tips(cell, q) @ scenes.PLATE, C, rng)
     return cell, tabled(cell, cell.path.parent, q, rows)
 
 
@@ -293,8 +281,8 @@ def test_a_camera_on_the_arm(written: Write, boards: int) -> None:
     shapes = dict(list({"b": TILES, "c": SOLID + np.array([0.5, 0.1, 0.0])}.items())[:boards])
     tables = [board_text(name, "world", points) for name, points in shapes.items()]
     cell, q = written(*tables, camera_text("eye", "tip")), spread(7, 40, 0.35)
-    floor = true_tips(cell, HOME[None])[0] @ EYE @ AHEAD
-    C = true_tips(cell, q) @ EYE
+    floor = true_tips(cell, scenes.HOME[None])[0] @ scenes.EYE @ scenes.AHEAD
+    C = true_tips(cell, q) @ scenes.EYE
     rows = [row for name, own in shapes.items() for row in sights("eye", name, own, floor, C)]
     assert len(rows) > 200
     data = tabled(cell, cell.path.parent, q, rows)

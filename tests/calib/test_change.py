@@ -179,7 +179,7 @@ def test_a_difference_small_by_luck_still_may_hide_something() -> None:
 def test_results_of_two_models_are_refused() -> None:
     one = drawn(np.random.default_rng(4), np.eye(3))
     other = replace(one, keys=(("backlash", "j1", "half_width"), *one.keys[1:]))
-    with pytest.raises(CalibError, match="lacks backlash:j1.half_width, joint_offset:j0"):
+    with pytest.raises(CalibError, match=r"lacks backlash:j1.half_width, joint_offset:j0"):
         change.difference(one, other)
     none = replace(one, keys=tuple(("base", "base", name) for name in "xyz"))
     with pytest.raises(CalibError, match="no parameter of the robot in common"):

@@ -127,24 +127,6 @@ def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell, table_two
     assert np.sqrt(missed(unloaded, places).mean()) > 2e-3, "the load must matter here"
 
 
-@pytest.mark.long
-def test_expected_error_is_that_of_arms_drawn_from_the_covariance(
-    kr270: Cell, table_two: Poses
-) -> None:
-    data, _, _ = simulated(kr270, table_two, 0)
-    known = estimate_of(calib.identify(kr270, data))
-    found, count = calib.compensate(kr270, known, kr270_targets(kr270, 12, 2)), 400
-    corrected, places = replace(found.targets, q=found.q), wanted(known, found)
-    root = np.linalg.cholesky(known.covariance + 1e-30 * np.eye(len(known.values)))
-    draws = known.values + np.random.default_rng(0).normal(size=(count, len(root))) @ root.T
-    square = missed(known.model.predict(draws, corrected), places).mean(axis=0)
-    # Each mean of 400 squares has at least 400 degrees of freedom.
-    low, high = chi2.ppf([1e-4, 1 - 1e-4], count) / count
-    ratio = square / (found.left**2 + found.error.parameters**2)
-    assert low < ratio.min()
-    assert ratio.max() < high
-
-
 def test_what_the_model_lacks_is_part_of_what_is_expected() -> None:
     """Gear errors in the truth and none in the model: what is left at new poses is what is stated."""
     cell, rng = arm_of(4, GEOMETRY)

@@ -115,29 +115,6 @@ def test_left_out_configurations_are_those_of_refits() -> None:
         np.testing.assert_allclose(errors[i], missed[0], atol=0.02 * np.abs(missed).max())
 
 
-def test_a_configuration_read_often_is_left_out_as_by_dense_matrices() -> None:
-    """Forty readings of one pose, more rows than parameters: ``(I - Q_F Q_F^T)^-1 r_F``."""
-    cell, data = session(40, 1.0, 3, 1)
-    data = data.take(np.append(np.arange(40), np.zeros(39, dtype=int)))
-    found, fit, span = fitted(cell, data)
-    errors, rows = fit.left_out(data.poses.configuration)
-    points, J = found.model.jacobian(found.values, data.poses)
-    J = (found.weights @ (J @ span)).reshape(-1, span.shape[1])
-    Q, _ = np.linalg.qr(J / np.linalg.norm(J, axis=0))
-    r = (found.weights @ (data.readings - points)[..., None]).ravel()
-    r = (r - Q @ (Q.T @ r)).reshape(len(data), -1)
-    here = np.append(0, np.arange(40, 79))
-    own = Q.reshape(*r.shape, -1)[here].reshape(-1, Q.shape[1])
-    freedom = np.eye(len(own)) - own @ own.T
-    missed = np.linalg.solve(freedom, r[here].ravel()).reshape(len(here), -1, 3, 1)
-    expected = (np.linalg.inv(found.weights[here]) @ missed)[..., 0]
-    assert len(own) > Q.shape[1]
-    assert rows.determined.all()
-    np.testing.assert_allclose(errors[here], expected, rtol=1e-7, atol=1e-12)
-    more = np.trace(np.linalg.inv(freedom) - np.eye(len(own))) / np.trace(own @ own.T)
-    assert rows.growth[data.poses.configuration[0]] == pytest.approx(more, rel=1e-6)
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_noisy_instrument_is_no_model_error(seed: int) -> None:
     """Three times noisier than stated, three markers: the shape of the marker set tells."""

@@ -25,26 +25,10 @@ from calib.model.build import build
 from calib.model.covariance import errors_at
 from calib.noise import Noise
 from calib.poses import poses_at
-from calib.simulation import drawn_readings
+from tests import touched_arm as touched
 from tests.helpers import all_seen, cell_of, central_difference, random_robot
 from tests.plain_arm import frame, rotation, tips
-from tests.touched_arm import (
-    MARKERS,
-    OFFSETS,
-    SITES,
-    TRUE,
-    arm,
-    cell_with,
-    contacts_of_a_larger_arm,
-    drawn,
-    followed,
-    led_to,
-    length,
-    measured,
-    points_of,
-    positions,
-    slopes,
-)
+from tests.touched_arm import MARKERS, OFFSETS, SITES, TRUE, arm, drawn, measured, points_of, slopes
 
 SIGMA, BAR, SHORT = 2e-5, 2e-5, 5e-6
 _TRIALS = 6
@@ -80,11 +64,11 @@ def socket(p: Array, place: Array, site: Array) -> Array:
 
 
 def distance(p: Array, place: Array, site: Array) -> Array:
-    return (length(p - place[:3]) + (place[3] if len(place) > 3 else 0.0))[:, None]
+    return (touched.length(p - place[:3]) + (place[3] if len(place) > 3 else 0.0))[:, None]
 
 
 def known_anchor(p: Array, place: Array, site: Array) -> Array:
-    return (length(p - CENTRE) + place[0])[:, None]
+    return (touched.length(p - CENTRE) + place[0])[:, None]
 
 
 def plane(p: Array, place: Array, site: Array) -> Array:
@@ -116,7 +100,7 @@ def reached(kind: Kind, theta: Array, count: int) -> tuple[Array, Array]:
     """Joints (count, 4) at which the readings are zero, and sites (count,)."""
     q = drawn((10 if kind.sites else 4) * count, 5)
     site = np.arange(len(q)) % max(1, len(kind.sites))
-    q, met = led_to(q, lambda q: kind.parts(theta, q, site))
+    q, met = touched.led_to(q, lambda q: kind.parts(theta, q, site))
     there = np.flatnonzero(met)[:count]
     assert len(there) == count
     return q[there], site[there]
@@ -128,10 +112,10 @@ def test_covariance_rank_and_refits(name: str) -> None:
     kind, m = KINDS[name], 16
     theta, rng, squared = np.concatenate([TRUE, kind.place]), np.random.default_rng(1), 0.0
     q, site = reached(kind, theta, m) if kind.touched else (drawn(m, 0), np.zeros(m, dtype=int))
-    gain = followed(q, lambda q: kind.parts(theta, q, site))
+    gain = touched.followed(q, lambda q: kind.parts(theta, q, site))
     J = slopes(lambda t: kind.parts(t, q, site), theta) / SIGMA
     expected = np.linalg.inv(J.T @ J)
-    cell = replace(cell_with(kind.instrument), markers=MARKERS[:1], marker_names=("m1",))
+    cell = replace(touched.cell_with(kind.instrument), markers=MARKERS[:1], marker_names=("m1",))
     exact = kind.parts(theta, q, site)
     sites = {"site": np.array(kind.sites)[site]} if kind.sites else {}
     for _ in range(_TRIALS):
@@ -141,7 +125,7 @@ def test_covariance_rank_and_refits(name: str) -> None:
         else:
             read = q, exact + noise
         found = calib.identify(cell, measured(read[0], read[1][:, None], **sites))
-        at = positions(found, *OFFSET_NAMES)
+        at = touched.positions(found, *OFFSET_NAMES)
         at += [i for i, p in enumerate(found.model.parameters) if p.effect == "base"]
         assert found.status == "converged"
         assert found.rank == len(theta) == len(found.values)
@@ -156,7 +140,9 @@ def test_covariance_rank_and_refits(name: str) -> None:
 
 def test_derivatives_of_a_known_distance() -> None:
     """Between two markers that are free."""
-    cell = cell_with(KINDS["plane"].instrument, effects=("base", "tool", "joint_offset:j2,j3"))
+    cell = touched.cell_with(
+        KINDS["plane"].instrument, effects=("base", "tool", "joint_offset:j2,j3")
+    )
     cell = replace(cell, known_distances=(KnownDistance(("m1", "m2"), 0.1, 1e-5),))
     model = build(cell, poses_at(drawn(6, 4))).model
     values = np.random.default_rng(3).normal(size=len(model.parameters)) * 10.0 * model.sizes
@@ -168,24 +154,26 @@ def test_derivatives_of_a_known_distance() -> None:
 def test_scale_from_a_known_distance() -> None:
     """One pair a known way apart tells how large the arm is; without one it stays as in the model."""
     robot = random_robot(np.random.default_rng(12), 6)
-    data, centres = contacts_of_a_larger_arm(robot)
+    data, centres = touched.contacts_of_a_larger_arm(robot)
     assert len(data) > 60
     cell = cell_of(robot, MARKERS[:1] + np.array([0.08, -0.05, 0.06]), ("tool", "geometry"))
     cell = replace(cell, instruments=(Socket(name="a", sigma=SIGMA, sites=SITES),))
-    bar = KnownDistance(("a", "b"), float(length(centres[0] - centres[1])), 1e-6)
+    bar = KnownDistance(("a", "b"), float(touched.length(centres[0] - centres[1])), 1e-6)
 
     def between_c_and_d(found: calib.Identification) -> float:
-        c, d = (found.values[positions(found, *(f"base:{s}.{x}" for x in "xyz"))] for s in "cd")
-        return float(length(c - d))
+        c, d = (
+            found.values[touched.positions(found, *(f"base:{s}.{x}" for x in "xyz"))] for s in "cd"
+        )
+        return float(touched.length(c - d))
 
-    truth = float(length(centres[2] - centres[3]))
+    truth = float(touched.length(centres[2] - centres[3]))
     found = calib.identify(replace(cell, known_distances=(bar,)), data)
     assert found.rms("fitted") == pytest.approx(0.0, abs=1e-7)
     assert between_c_and_d(found) == pytest.approx(truth, abs=2e-6)
-    assert not any("no length" in text for text in found.warnings)
+    assert not any("no touched.length" in text for text in found.warnings)
     without = calib.identify(cell, data)
     assert without.rms("fitted") == pytest.approx(0.0, abs=1e-7)
-    assert any("no length is measured" in text for text in without.warnings)
+    assert any("no touched.length is measured" in text for text in without.warnings)
     assert len(without.values) == len(found.values) - 1
     assert abs(between_c_and_d(without) / truth - 1.0) < 0.01
 
@@ -195,7 +183,7 @@ def test_scale_from_a_known_distance() -> None:
 
 def distances(theta: Array, q: Array) -> Array:
     """Distances (m, M) by offsets and anchor."""
-    return length(points_of(arm(), q, theta[:3]) - theta[3:6])
+    return touched.length(points_of(arm(), q, theta[:3]) - theta[3:6])
 
 
 def test_beside_a_tracker_information_adds() -> None:
@@ -213,7 +201,7 @@ def test_beside_a_tracker_information_adds() -> None:
     expected = np.linalg.inv(J.T @ J)
     readings, seen = np.zeros((24, 4, 3)), np.zeros((24, 4), dtype=bool)
     seen[by_laser, :2], seen[by_bar, 2:] = True, True
-    cell = cell_with(LASER, Distance(name="bar", sigma=SHORT))
+    cell = touched.cell_with(LASER, Distance(name="bar", sigma=SHORT))
     places = [f"base:bar.{c}" for c in "xyz"]
     places += [f"base:base.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
     rng, squared = np.random.default_rng(3), 0.0
@@ -222,7 +210,7 @@ def test_beside_a_tracker_information_adds() -> None:
         readings[by_laser, :2] = points + BAR * rng.standard_normal(points.shape)
         readings[by_bar, 2:, 0] = lengths + SHORT * rng.standard_normal(lengths.shape)
         found = calib.identify(cell, measured(q, readings, seen))
-        at = positions(found, *OFFSET_NAMES, *places)
+        at = touched.positions(found, *OFFSET_NAMES, *places)
         assert found.dof == 3 * 28 + 28 - 12
         error = found.values[at] - theta
         squared += error @ np.linalg.solve(expected, error)
@@ -233,7 +221,7 @@ def test_beside_a_tracker_information_adds() -> None:
 
 def test_rows_of_two_instruments_go_through_a_table(tmp_path: Path) -> None:
     """By the column ``instrument``; what does not apply is empty."""
-    q, cell = drawn(5, 6), cell_with(LASER, Distance(name="bar", markers=(1,)))
+    q, cell = drawn(5, 6), touched.cell_with(LASER, Distance(name="bar", markers=(1,)))
     readings, seen = np.zeros((5, 3, 3)), np.ones((5, 3), dtype=bool)
     readings[:, :2] = points_of(arm(), q, TRUE)
     readings[:, 2, 0] = distances(np.concatenate([TRUE, ANCHOR]), q)[:, 1]
@@ -261,7 +249,7 @@ def refused(cell: Cell, table: str, said: str, folder: Path) -> None:
 def test_accuracy_at_targets_counts_points() -> None:
     """Whatever reads, the error expected of a target is that of its points."""
     targets = poses_at(drawn(3, 9))
-    model = build(cell_with(Distance(name="bar")), targets).model
+    model = build(touched.cell_with(Distance(name="bar")), targets).model
     at = model.where(Effect)
     own = [i for i in at if model.parameters[i].effect == "joint_offset"]
     cov = np.zeros((len(at), len(at)))
@@ -321,7 +309,7 @@ def anywhere(rng: np.random.Generator) -> Array:
 
 
 def assert_offsets(found: calib.Identification) -> None:
-    at = positions(found, *OFFSET_NAMES[:2])
+    at = touched.positions(found, *OFFSET_NAMES[:2])
     np.testing.assert_allclose(found.values[at], TRUE[:2], atol=1e-9)
 
 
@@ -373,17 +361,6 @@ def test_rank_of_a_generic_chain(dof: int, prismatic: tuple[int, ...]) -> None:
     assert len(built.model.parameters) == 4 * dof - 2 * len(prismatic) + 6
 
 
-def test_simulated_as_it_is_whitened() -> None:
-    """Errors ``predicted^-1 measured`` of a simulated day have the stated covariance."""
-    poses = poses_at(drawn(4000, 7))
-    model = build(with_bodies(), poses).model
-    exact = model.predict(model.initial, poses)
-    data = drawn_readings(model, model.initial, poses, None, np.random.default_rng(8))
-    error = eye().shown(data.readings, data.readings - exact)[:, 0]
-    correlation = np.cov(error.T) / np.outer(STD, STD)
-    np.testing.assert_allclose(correlation, MIXED, atol=6.0 * 1.3 / np.sqrt(4000))
-
-
 def test_quaternions_go_through_a_table(tmp_path: Path) -> None:
     """Of either sign; what is none is refused."""
     rng, q = np.random.default_rng(2), drawn(40, 6)
@@ -406,7 +383,7 @@ def test_quaternions_go_through_a_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.readings, rows(T), atol=2e-8)
     long = ",".join([*cut[0][:-4], "1.0", "1.0", "0.0", "0.0"])
     for old, new, said in (
-        (lines[0], long, "line 2, column qw: .* a quaternion has a length of one"),
+        (lines[0], long, "line 2, column qw: .* a quaternion has a touched.length of one"),
         (",qz", ",qq", "column qz is missing"),
         ("body0,", "body0:x,", r"'body0:x' is not in the cell's \[markers_mm\] or \[bodies\]"),
     ):

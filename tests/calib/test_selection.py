@@ -266,7 +266,7 @@ def test_derivatives_of_curves() -> None:
     cell, data, _, _ = day()
     base = build(cell, data.poses).model
     suspects, _ = candidates(cell, base, data)
-    poses = data.poses.take(slice(0, 60, 5))
+    poses = data.poses.take(slice(0, 60, 15))
     for kind in ("TwistCurve", "MarkerCurve", "RangeCurve"):
         chosen = [c.effect for c in suspects if type(c.effect).__name__ == kind]
         model = base.with_effects((*base.effects, chosen[len(chosen) // 2]))

@@ -45,7 +45,7 @@ def test_jacobian(kinds: list[str], dof: int, prismatic: tuple[int, ...]) -> Non
     rng = RNG(dof)
     robot = random_robot(rng, dof, prismatic)
     model = model_of(random_context(rng, robot), kinds)
-    poses = random_poses(rng, robot, 12 if len(kinds) < 9 else 6)
+    poses = random_poses(rng, robot, 12)
     check_jacobian(model, poses, model.initial + model.sizes * rng.normal(size=len(model.sizes)))
 
 

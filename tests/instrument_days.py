@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from studies.research.cameras import pixels
 from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
+from tests.camera_days import pixels
 from tests.day import Day, Sizes
 from tests.plain_arm import frame, looking, tips
 from tests.touched_arm import led_to

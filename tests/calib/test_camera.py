@@ -30,7 +30,6 @@ from calib.instruments.placing import rotation
 from calib.instruments.resection import poses_of
 from calib.model.build import build
 from studies.demo.embedded import embedded_text
-from studies.research.cameras import poses_that_show
 from tests import camera_days
 from tests import instrument_days as scenes
 from tests.camera_cells import LENS, board_text, camera_text, kr270_cell
@@ -119,7 +118,7 @@ def test_pixels_are_where_cameras_and_boards_are_said_to_be(tmp_path: Path, setu
     own, path = SETUPS[setup], tmp_path / "cell.toml"
     path.write_text(own.text("kr270.urdf", "base_link", "tool0", '"base", "tool"'))
     cell = calib.load_cell(path)
-    q = poses_that_show(cell, np.random.default_rng(7), 900, 12)
+    q = camera_days.poses_that_show(cell, np.random.default_rng(7), 900, 12)
     still = Truth(np.zeros(6), moved=(0.0, 0.0), scales=dict.fromkeys(own.cameras, 0.0))
     names = [f"p{k}" for k in range(len(q))]
     (tmp_path / "m.csv").write_text(camera_days.measured(path, own, still, q, names))

@@ -21,9 +21,7 @@ from calib.effects.protocol import Unknown
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.poses import Poses
-from studies.research.bench import real_data
-from studies.research.withheld.make import POPULATIONS, families
-from tests.day import day, diagnosed
+from tests.day import POPULATIONS, day, diagnosed, families, real_data
 
 DRIFT = (60e-6 / 3600, 0.0, 0.0, 0.0, 60e-6 / 3600, 0.0)
 

@@ -146,13 +146,10 @@ def test_settling_counts_the_last_move_that_was_one() -> None:
 def test_ripple(harmonics: int, scene: tuple[Context, Poses]) -> None:
     context, poses = scene
     effect = GearRipple.at(context, "j3").with_harmonics(harmonics)
-    model = model_of(context, []).with_effects((effect,))
-    amounts = np.array([1e-4, -2e-4, 5e-5, 3e-5])[: 2 * harmonics]
-    q = poses.q[:, 2]
-    waves = [f(n * 123.4 * q) for n in (1, 2) for f in (np.cos, np.sin)][: 2 * harmonics]
-    expected = moved_joint(context, poses, 2, np.einsum("a,am->m", amounts, waves))
-    read = model.predict(np.array([123.4, *amounts]), poses)
-    np.testing.assert_allclose(read, expected, atol=1e-12)
+    amounts, q = np.array([1e-4, -2e-4, 5e-5, 3e-5])[: 2 * harmonics], 123.4 * poses.q[:, 2]
+    dq = amounts @ [np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)][: 2 * harmonics]
+    read = model_of(context, []).with_effects((effect,)).predict(np.array([123.4, *amounts]), poses)
+    np.testing.assert_allclose(read, moved_joint(context, poses, 2, dq), atol=1e-12)
 
 
 XI = np.array([1e-4, -2e-4, 3e-4, 2e-5, 1e-5, -3e-5])

@@ -31,9 +31,7 @@ from calib.inference.restricted import RestrictedLikelihood
 from calib.instruments import KnownDistance, Socket
 from calib.model.build import build
 from calib.scatter import Variances
-from studies.research.benchmarks.weights import chance
-from studies.research.benchmarks.weights import fitted as fitted_weights
-from tests.day import day, diagnosed
+from tests.day import day, diagnosed, name_chance, name_weights
 from tests.helpers import cell_of, random_robot, stage_of
 from tests.touched_arm import MARKERS, SITES, contacts_of_a_larger_arm, length
 
@@ -362,5 +360,5 @@ def test_a_cause_that_follows_what_it_likes_is_less_likely() -> None:
 def test_weights_of_names_are_found_again() -> None:
     rng, truth = np.random.default_rng(3), np.array([1.0, -2.0, 0.5])
     A = np.column_stack([np.ones(4000), rng.normal(size=(4000, 2))])
-    right = (rng.random(4000) < chance(A, truth)).astype(float)
-    assert fitted_weights(A, right, (0.0, 1.0, 1.0)) == pytest.approx(truth, abs=0.2)
+    right = (rng.random(4000) < name_chance(A, truth)).astype(float)
+    assert name_weights(A, right, (0.0, 1.0, 1.0)) == pytest.approx(truth, abs=0.2)

@@ -23,8 +23,8 @@ from doe.constraints import scene_of, visible
 from doe.forecast.enough import enough
 from doe.forecast.foresee import foresee
 from studies.compare.experiment import POINTS, experiment_of, predict
-from tests.calib.instruments.test_slot import OFF, TRUE, arm, points_of
 from tests.helpers import all_seen, cell_of
+from tests.touched_arm import OFF, TRUE, arm, points_of
 
 ONE = np.array([[0.10, 0.02, -0.05]])
 

@@ -28,18 +28,19 @@ from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_cell
 from studies.research.bench import real_data
-from studies.research.benchmarks.day import SEVEN as LIMITED_SEVEN
-from studies.research.benchmarks.day import Floor, Setting, draw_day, write_day
-from studies.research.benchmarks.weights import chance as name_chance
-from studies.research.benchmarks.weights import fitted as name_weights
-from studies.research.withheld.draw import EASY, Case, draw_scene
-from studies.research.withheld.effects import turned
-from studies.research.withheld.keys import write_case
-from studies.research.withheld.make import POPULATIONS, families
-from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm, Joint
-from studies.research.withheld.scene import Scene
-from studies.research.withheld.truth import Action, Mechanism, State, urdf
-from studies.research.withheld.visible import Projector, at_rest
+from studies.research.sealed.draw import Case
+from studies.research.sealed.key import write_case
+from studies.research.sealed.populations import POPULATIONS, families
+from studies.research.sealed.visible import Projector
+from studies.research.sealed.weights import chance as name_chance
+from studies.research.sealed.weights import fitted as name_weights
+from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm, Joint
+from studies.research.truth.conditions import EASY
+from studies.research.truth.day import SEVEN as LIMITED_SEVEN
+from studies.research.truth.day import Floor, Setting, draw_day, write_day
+from studies.research.truth.formulas import turned
+from studies.research.truth.mechanism import Action, Mechanism, State, urdf
+from studies.research.truth.scene import Scene, at_rest, draw_scene
 from tests.helpers import cell_of, read_by, with_effects
 
 __all__ = [

@@ -20,10 +20,10 @@ from doe.constraints import scene_of, visible
 from doe.views import looking, views_of
 from studies.command.explain import page
 from studies.research.cameras import corners, frame, pixels
-from tests.calib.arm.test_mujoco import in_mujoco
 from tests.camera_cells import kr270_cell
 from tests.camera_days import SETUPS, Truth, kr270_day
 from tests.plain_arm import tips
+from tests.trees import in_mujoco
 from tests.two_arms import EYE, PLATE, in_view, urdf, written
 
 SIZE, FOCAL = (960, 720), 1000.0  # px

@@ -32,9 +32,9 @@ from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text
 from studies.results.base import envelope
 from studies.results.compensate import CompensateResult
 from studies.results.estimate import Estimated
-from tests.calib.mjcf_arms import random_mjcf
 from tests.fuzz.small_cell import URDF
 from tests.helpers import simulated
+from tests.trees import random_mjcf
 
 Read = Callable[[Path, bytes], object]
 

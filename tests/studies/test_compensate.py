@@ -19,14 +19,14 @@ from calib.arrays import Array
 from calib.files.estimate import load_estimate
 from calib.prediction.compensate import Compensation
 from calib.prediction.estimate import Estimate, estimate_of
-from studies.research.withheld.causes import Cause
-from studies.research.withheld.draw import Case, draw_scene
-from studies.research.withheld.robots import ARMS, HEAVY, LIGHT, Arm
-from studies.research.withheld.visible import at_rest
+from studies.research.sealed.draw import Case
+from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm
+from studies.research.truth.causes import Cause
+from studies.research.truth.scene import at_rest, draw_scene
 from studies.results.estimate import Estimated
-from tests.calib.prediction.test_compensate import band, missed, wanted
+from tests.calib.test_compensate import band, missed, wanted
 from tests.studies.command_line import checked, run
-from tests.studies.research.withheld.scenes import PLAIN, as_files, case_of
+from tests.studies.research.sealed.scenes import PLAIN, as_files, case_of
 
 
 def compensate(demo: Path, *more: object) -> Result:

@@ -30,10 +30,10 @@ from studies.results.diagnose import DiagnoseResult, SpectrumLines, aliases_of
 from studies.results.identify import IdentifyResult
 from studies.results.parts import joint_array
 from studies.results.read import read_as
-from tests.calib.diagnosis.test_error_curve import HALF, found
-from tests.calib.diagnosis.test_spectra import mirrored, on_grid, spectra_at, with_ripple
-from tests.calib.identification.test_identify_tunings import arm, session
-from tests.calib.identification.test_identify_tunings import read as instrument_reads
+from tests.calib.test_error_curve import HALF, found
+from tests.calib.test_recovered import arm, session
+from tests.calib.test_recovered import read as instrument_reads
+from tests.calib.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.two_arms import EYE, PLATE, in_view, written
 
 _INSET = 1.0  # pixels at 100 dots per inch: what touches by rounding does not collide

@@ -25,9 +25,9 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
-from studies.research.benchmarks.lenses import written
-from studies.research.withheld.truth import Action
+from studies.research.cameras import written
+from studies.research.truth.day import Day, Setting, draw_day, write_day
+from studies.research.truth.mechanism import Action
 from tests.studies.command_line import paper_cell, result, run
 
 

@@ -22,11 +22,11 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from studies.demo.embedded import embedded_text
 from tests import two_arms
-from tests.calib.arm.test_mujoco import in_mujoco
-from tests.calib.files.test_dh import TABLES
+from tests.calib.test_robots import TABLES
 from tests.doe.problems import unpolished
 from tests.helpers import all_seen
 from tests.studies.command_line import result, run
+from tests.trees import in_mujoco
 from tests.two_arms import COMMON, EYE, PLATE, written
 
 MJCF = """<mujoco model="hand arm"><worldbody>

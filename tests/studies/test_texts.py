@@ -51,7 +51,7 @@ ASKED = [["--help"], ["--version"], ["nonsense"], *([name, "--help"] for name in
 
 
 def test_nothing_heavy_is_imported_for_help() -> None:
-    """So that it comes at once; `python -m studies.research.benchmarks.speeds` measures it.
+    """So that it comes at once; `python -m studies.research.speed` measures it.
 
     One process is asked all: what one word brings stays for those after it.
     """

@@ -25,7 +25,6 @@ from doe.constraints.distances import (
 )
 from doe.constraints.scene import Scene
 from doe.constraints.self_collision import SelfCollision, clear_of_itself
-from tests.calib.arm.test_mujoco import in_mujoco
 from tests.doe.constraints.arms import (
     LINKS,
     allowed,
@@ -35,6 +34,7 @@ from tests.doe.constraints.arms import (
     planar,
     shaped,
 )
+from tests.trees import in_mujoco
 from tests.two_arms import urdf, written
 
 POINT, NORMAL, HALF = (

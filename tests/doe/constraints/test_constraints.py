@@ -21,7 +21,7 @@ from calib.cell import Load
 from doe.constraints import constraints_of, scene_of, visible
 from doe.constraints.limits import static_torques
 from doe.constraints.scene import Scene
-from tests.calib.arm.test_trees import two_hands
+from tests.calib.test_trees import two_hands
 from tests.doe.constraints.arms import (
     CAPSULE,
     LINK,

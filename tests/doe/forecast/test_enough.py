@@ -31,7 +31,7 @@ from doe.forecast.coming import match
 from doe.forecast.coming import whole_day as coming_day
 from doe.forecast.enough import Enough, enough
 from doe.forecast.unseen import at_ends, at_held_out
-from studies.research.benchmarks.day import Day, Setting, draw_day, write_day
+from studies.research.truth.day import Day, Setting, draw_day, write_day
 from tests.doe.forecast.day import RIGID, cell_of_day, of_poses, whole_day
 from tests.helpers import read_by, with_effects
 

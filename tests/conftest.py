@@ -73,3 +73,13 @@ def kr270() -> Cell:
 @pytest.fixture(scope="session")
 def table_two(kr270: Cell) -> Poses:
     return embedded_plan(kr270)
+
+
+@pytest.fixture(scope="session")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of good files, not to be changed, of which bad ones are copies with an edit."""
+    from tests.bad_inputs.run import prepare
+
+    folder = tmp_path_factory.mktemp("good") / "good"
+    prepare(folder)
+    return folder

@@ -13,10 +13,13 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.files.urdf import load_urdf
-from tests.calib.arm.test_mujoco import FLAGS
 from tests.plain_arm import frame, shift, turn
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
+FLAGS = (
+    '<mujoco><compiler fusestatic="false" discardvisual="false" boundmass="1e-9" '
+    'boundinertia="1e-9"/></mujoco>'
+)
 
 
 @dataclass(frozen=True)
@@ -103,11 +106,62 @@ def urdf(joints: list[Joint]) -> str:
     return f'<robot name="tree"><link name="root"/>{"".join(j.text for j in joints)}</robot>'
 
 
+def flagged(text: str) -> str:
+    """A URDF of which MuJoCo keeps every fixed link."""
+    return re.sub(r"(<robot[^>]*>)", r"\1" + FLAGS, text, count=1)
+
+
+def in_mujoco(text: str) -> mujoco.MjModel:
+    """The model of a URDF as MuJoCo reads it."""
+    return mujoco.MjModel.from_xml_string(flagged(text))
+
+
 def as_mjcf(text: str) -> str:
     """A URDF as MuJoCo saves it."""
-    spec = mujoco.MjSpec.from_string(re.sub(r"(<robot[^>]*>)", r"\1" + FLAGS, text, count=1))
+    spec = mujoco.MjSpec.from_string(flagged(text))
     spec.compile()
     return str(spec.to_xml())
+
+
+def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
+    """A chain from body ``base`` to ``tip`` with joints j1 .. jn, a branch at every link.
+
+    The tip is a site, a body without joints, or the last link. Several joints a body or none, off its
+    origin and with a reference; masses from inertials and from shapes, and of bodies fixed to links.
+    """
+
+    def words(values: Array) -> str:
+        return " ".join(repr(float(v)) for v in values)
+
+    def pose() -> str:
+        return f'pos="{words(rng.uniform(-0.5, 0.5, 3))}" quat="{words(rng.normal(size=4))}"'
+
+    ball = '<geom size="0.05"/>'
+    lines = [
+        '<mujoco model="random"><compiler angle="radian" autolimits="true"/>'
+        '<option gravity="0 0 -9.80665"/><worldbody>'
+        f'<geom type="plane" size="1 1 1"/><body name="base" {pose()}>{ball}'
+    ]
+    joint, depth = 0, 1
+    while joint < dof:
+        here = min(int(rng.integers(0, 4)), dof - joint)
+        name = 'name="tip"' if tip == "link" and joint + here == dof else ""
+        mass = f'<inertial pos="{words(rng.normal(size=3) * 0.1)}" mass="3" diaginertia="1 1 1"/>'
+        lines.append(f"<body {name} {pose()}>{mass if rng.integers(2) else ball}")
+        depth += 1
+        for _ in range(here):
+            joint += 1
+            more = ['range="-2 3"', 'actuatorfrcrange="-50 60"', f'ref="{rng.normal()!r}"']
+            kept = " ".join(own for own in more if rng.integers(2))
+            lines.append(
+                f'<joint name="j{joint}" type="{"hinge" if rng.integers(4) else "slide"}" '
+                f'axis="{words(rng.normal(size=3))}" pos="{words(rng.normal(size=3) * 0.3)}" {kept}/>'
+            )
+        lines.append(f"<body {pose()}><joint/>{ball}<body {pose()}>{ball}</body></body>")
+        lines.append(f"<body {pose()}>{ball}</body>")
+    if tip != "link":
+        lines.append(f'<{tip} name="tip" {pose()}/>')
+    return "\n".join([*lines, "</body>" * depth, "</worldbody></mujoco>", ""])
 
 
 def tips_of(joints: list[Joint], tip: str, seed: int) -> list[str]:

@@ -2,7 +2,7 @@
 
 How likely it is that a name, or one of its class, is right is a frequency, not a p value: a logistic
 model of what speaks against a name. It is fitted by maximum likelihood to some 600 names of days
-and sealed cases (``studies.research.withheld``) whose errors follow other formulas than the
+and sealed cases (``studies.research.sealed``) whose errors follow other formulas than the
 catalogue's, or are in no catalogue at all; ``studies/research/RESULTS.md`` has the count on
 fresh days. All but the last two weights follow 76 sealed names of the
 present selection, where curves and halves mean something else than before.

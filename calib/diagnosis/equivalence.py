@@ -89,7 +89,7 @@ _LARGEST = 4  # members of a class beyond which likeness lists the first of a ki
 SAME = 8.0
 """Difference of -2 log likelihood that tells nothing yet."""
 # Estimated by maximum likelihood from 382 named effects of 560 simulated cases (seeds 4001 and 4002
-# of studies.research.withheld), and again from 136 classes of 459 others (7201, 7103): 0.25 to 0.3.
+# of studies.research.sealed), and again from 136 classes of 459 others (7201, 7103): 0.25 to 0.3.
 # Likelihoods alone are too sure, for forms differ from the catalogue's.
 _TEMPER = 0.3
 # Of a cause's probability: no reading says which of two names is right. Of 51 lost motions in 459

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from calib.diagnosis import Diagnosis
     from calib.files.cell_out import Extended
 
-_SECONDS = 50e-3  # a reading, as studies.research.benchmarks.speeds measures
+_SECONDS = 50e-3  # a reading, as studies.research.speed measures
 
 
 # fmt: off

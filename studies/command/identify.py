@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from calib.observations import Approach, Weighting
 
 _MOST = 200_000  # readings of a table that are identified: they take 15 kB each
-_SECONDS = 0.8e-3  # a reading, as studies.research.benchmarks.speeds measures
+_SECONDS = 0.8e-3  # a reading, as studies.research.speed measures
 
 
 # fmt: off

@@ -1,6 +1,5 @@
 """What measures posecal and what the paper says; nothing that a user runs in production.
 
-Sealed cases (``withheld``), comparisons (``benchmarks``), and the paper's own tables and figures
-(``paper``). Each is run as a module from a checkout: the wheel leaves this folder out. ``RESULTS.md``
-has what was measured.
+``python -m studies.research`` lists what is run, each as a module from a checkout: the wheel leaves
+this folder out. ``truth`` simulates arms without ``calib``; ``RESULTS.md`` has what was measured.
 """

@@ -1,7 +1,7 @@
-"""What all benchmarks share: arguments, many days on some processors, tables, rates, and the file.
+"""What all measurements share: arguments, many days on some processors, tables, seconds, and the file.
 
-A benchmark states what its day is and what is measured of it. Its function is decorated with
-:func:`bench`, draws its days with :func:`each`, and returns what is printed and what ``--json`` writes.
+A function that measures is decorated with :func:`bench`, draws its days with :func:`each`, and returns
+what is printed and what ``--json`` writes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from calib.errors import InputError
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.options import one_line_faults
-from studies.research.withheld.tables import table as table
+from studies.research.tables import table as table
 
 T = TypeVar("T")
 Row = dict[str, Any]
@@ -56,12 +56,9 @@ def bench(
             if json_path is not None:
                 write_files({json_path: json_text(found)})
 
-        shared = [
-            count("--seed", 0, least=0),
-            click.option(
-                "--json", "json_path", type=click.Path(path_type=Path), help="All figures."
-            ),
-        ]
+        path = click.Path(path_type=Path)
+        shared = [count("--seed", 0, least=0)]
+        shared.append(click.option("--json", "json_path", type=path, help="All figures."))
         if days is not None:
             shared.append(count("--days", days, help=days_help))
         if workers:
@@ -76,9 +73,8 @@ def bench(
 
 def count(name: str, default: int, least: int = 1, **more: Any) -> Option:
     """An option that is a whole number."""
-    return click.option(
-        name, type=click.IntRange(min=least), default=default, show_default=True, **more
-    )
+    kind = click.IntRange(min=least)
+    return click.option(name, type=kind, default=default, show_default=True, **more)
 
 
 def several(name: str, values: Sequence[Any], default: Sequence[Any] = (), **more: Any) -> Option:
@@ -95,15 +91,14 @@ def each(
 
     tasks : arguments of each; options : those that all have in common
     """
-    tasks = list(tasks)
+    tasks, results = list(tasks), []
     one = functools.partial(_one, work, options)
     bar = click.progressbar(length=len(tasks), file=sys.stderr, label=work.__name__)
     with bar, ProcessPoolExecutor(workers) if workers > 1 else nullcontext() as pool:
-        found = []
         for result in map(one, tasks) if pool is None else pool.map(one, tasks):
-            found.append(result)
+            results.append(result)
             bar.update(1)
-    return found
+    return results
 
 
 @one_blas_thread
@@ -124,7 +119,7 @@ def rms(values: ArrayLike) -> float:
 
 def rms_3d(vectors: ArrayLike) -> float:
     """3-D root mean square per point of vectors (.., 3)."""
-    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=-1))))
+    return rms(np.linalg.norm(vectors, axis=-1))
 
 
 def data_folder(name: str = "") -> Path:
@@ -138,7 +133,8 @@ def data_folder(name: str = "") -> Path:
     return folder
 
 
-def real_data(name: str) -> tuple[calib.Cell, calib.Measurements]:
+def real_data(name: str, cell: str = "", table: str = "") -> tuple[calib.Cell, calib.Measurements]:
     """Cell and measurements of a set. Raises InputError where it is not there."""
-    cell = calib.load_cell(data_folder(name) / "cell.toml")
-    return cell, calib.load_measurements(cell, data_folder(name) / "measurements.csv")
+    folder = data_folder(name)
+    loaded = calib.load_cell(folder / (cell or "cell.toml"))
+    return loaded, calib.load_measurements(loaded, folder / (table or "measurements.csv"))

@@ -12,8 +12,6 @@ from unittest import mock
 
 from studies.cli import run
 
-_TRACEBACK = 1  # the status with which Python ends then
-
 
 class Heard(NamedTuple):
     """How a call ended: its status, and what it wrote to both streams."""
@@ -37,6 +35,6 @@ def heard(call: str, folder: Path) -> Heard:
         except SystemExit as end:
             status = end.code if isinstance(end.code, int) else 0
         except Exception as error:
-            status = _TRACEBACK
+            status = 1  # with which Python ends then
             err.write(f"traceback: {type(error).__name__}: {error}")
     return Heard(status, out.getvalue(), err.getvalue())

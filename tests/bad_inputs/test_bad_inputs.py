@@ -7,17 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.bad_inputs.faults import FAULTS, Fault
-from tests.bad_inputs.run import committed, prepare, row
+from tests.bad_inputs.run import committed, row
 
 LIST = (Path(__file__).parent / "messages.md").read_text(encoding="utf-8")
 ALL = [fault for faults in FAULTS.values() for fault in faults]
-
-
-@pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("bad") / "good"
-    prepare(folder)
-    return folder
 
 
 def contents(folder: Path) -> dict[str, bytes]:

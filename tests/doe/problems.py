@@ -1,11 +1,16 @@
-"""Small random design problems with known answers by exhaustive search."""
+"""Small random design problems with known answers by exhaustive search; plans that take little time."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+import doe
+from calib import Cell, Poses
 from calib.arrays import Array, IntArray
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant, Subset
@@ -13,6 +18,8 @@ from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstTask
 from doe.criteria.trace import Average, Combination, Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
+from doe.planning import planned
+from doe.request import request_of
 
 RIDGE = 1e-10
 
@@ -81,3 +88,13 @@ def random_information(rng: np.random.Generator, p: int) -> Array:
     """A positive definite matrix."""
     A = rng.normal(size=(p, p + 2))
     return np.asarray(A @ A.T)
+
+
+def unpolished(cell: Cell, against: Mapping[str, Poses] | None = None, **asked: Any) -> doe.Design:
+    """The plan of candidates alone."""
+    return planned(cell, replace(request_of(cell, **asked), polish=False), against or {})
+
+
+def visiting_again(cell: Cell, count: int) -> Cell:
+    """The cell whose plans visit so many poses again."""
+    return replace(cell, design=replace(cell.design, reapproaches=count))

@@ -22,17 +22,24 @@ from calib.cell.targets import targets_of
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.model.covariance import accuracy
+from calib.noise import Noise
 from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
 from doe.planning import planned
 from doe.request import request_of
-from tests.doe.plans import unpolished
+from tests.doe.problems import unpolished
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
+
+
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
+
+
 REFERENCE = json.loads((Path(__file__).parent.parent / "reference" / "design.json").read_text())
+
+
 QUICK: dict[str, Any] = {"candidates": 1200}
 
 
@@ -164,17 +171,6 @@ def test_polish_and_no_polish(elastic: Cell, quick: Callable[..., doe.Design]) -
 
 
 @pytest.mark.long
-def test_poses_say_how_many_stand_at_the_cells_levels(elastic: Cell) -> None:
-    table = {"values_deg": [-120.0, -80.0, -40.0], "poses_per_level": 3}
-    cell = designed(replace(elastic, knots={}), levels={"A2": table})
-    plan = doe.design(cell, poses=6, criterion="D", **QUICK)
-    _, counts = np.unique(plan.poses.q[:, 1], return_counts=True)
-    assert counts.tolist() == [2, 2, 2]
-    with pytest.raises(CalibError, match="are 9 poses, not 7"):
-        doe.design(cell, poses=7, **QUICK)
-
-
-@pytest.mark.long
 def test_levels_to_choose(elastic: Cell) -> None:
     """Five of many levels, apart; the model's coefficients follow them where none are given."""
     table = {"count": 5, "poses_per_level": 3, "min_separation_deg": 20.0}
@@ -188,23 +184,6 @@ def test_levels_to_choose(elastic: Cell) -> None:
     fixed = doe.design(replace(cell, knots=elastic.knots), criterion="D", **QUICK)
     even = doe.design(elastic, levels="A2=-140,-105,-70,-35,-1x3", criterion="D", **QUICK)
     assert fixed.value > even.value
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("criterion", "levels", "count", "each"),
-    [("task-worst", "A2=3x5", 3, 5), ("D", "A2=5x3", 5, 3)],
-)
-def test_chosen_levels_keep_their_counts(
-    elastic: Cell, criterion: str, levels: str, count: int, each: int
-) -> None:
-    """At any distance, with and without coefficients that follow the levels."""
-    for cell in (elastic, replace(elastic, knots={})):
-        if len(cell.knots) and count < 5:
-            continue  # five coefficients are too many for three levels
-        plan = doe.design(cell, levels=levels, criterion=criterion, candidates=500)
-        _, counts = np.unique(np.round(plan.poses.q[:, 1], 6), return_counts=True)
-        assert counts.tolist() == [each] * count
 
 
 @pytest.mark.long
@@ -226,11 +205,10 @@ def test_extending_what_was_measured(kr270: Cell, table_two: Poses, tmp_path: Pa
     names = np.array([f"r{i}" for i in range(len(data))], dtype=object)
     data = replace(data, poses=replace(data.poses, names=tuple(names)))
     rivals = ("gravity_compensator:A3", "transmission_scale:A3")
-    ask = partial(unpolished, cell, poses=3, candidates=200, discriminate=rivals)
-    assert ask(extend=data).value == pytest.approx(ask(extend=table_two).value, rel=1e-12)
+    ask = partial(unpolished, cell, poses=3, candidates=120, discriminate=rivals)
     path = tmp_path / "measurements.csv"
     path.write_text(measurements_csv(cell, data))
-    plan, before = ask(extend=path), unpolished(cell, poses=3, candidates=200)
+    plan, before = ask(extend=path), unpolished(cell, poses=3, candidates=120)
     assert plan.value == pytest.approx(ask(extend=table_two).value, rel=1e-6)
     judged = ask(extend=data, against={"task": before.poses})
     assert judged.value > judged.rivals["task"].assessment.value
@@ -250,13 +228,8 @@ def test_loss_of_a_marker(kr270: Cell) -> None:
     """Judged without its rows and without its unknowns."""
     cell = replace(kr270, effects=("base", "tool", "geometry"), load=None, design=Planned())
     plan = unpolished(cell, poses=15, criterion="D", candidates=600)
-    two = replace(
-        cell,
-        marker_names=cell.marker_names[1:],
-        markers=cell.markers[1:],
-        marker_normals=cell.marker_normals[1:],
-        marker_acceptance=cell.marker_acceptance[1:],
-    )
+    per_marker = ("marker_names", "markers", "marker_normals", "marker_acceptance")
+    two = replace(cell, **{name: getattr(cell, name)[1:] for name in per_marker})
     model = build(two, plan.poses).model
     cov = np.linalg.inv(information(two, plan.poses.q))
     rms, _ = accuracy(model, np.zeros(len(cov)), cov, *targets_of(cell))
@@ -364,8 +337,6 @@ def test_candidates_of_a_table(elastic: Cell, table_two: Poses) -> None:
 @pytest.mark.parametrize("prismatic", [(), (0,), (1, 2)])
 def test_other_robots(prismatic: tuple[int, ...]) -> None:
     """Any serial chain, one marker, noise that grows with range."""
-    from calib.noise import Noise
-
     rng = np.random.default_rng(8)
     robot = random_robot(rng, 4, prismatic)
     cell = cell_of(
@@ -394,87 +365,6 @@ def test_two_joints_in_the_plane_have_a_known_optimum() -> None:
     assert np.cos(plan.poses.q[:, 1]).sum() == pytest.approx(0.0, abs=0.02)
     expected = 2.0 * 0.7 * 0.4 / 1e-10 * 1e-12
     assert plan.value == pytest.approx(expected, rel=1e-4)
-
-
-REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
-    "no number": (lambda c: c, {}, "how many poses"),
-    "too few poses": (lambda c: replace(c, markers=c.markers), {"poses": 2}, "poses leave"),
-    "nothing feasible": (
-        lambda c: replace(
-            designed(c, obstacle=[{"type": "sphere", "center_mm": (0, 0, 0), "radius_mm": 9000}]),
-            shapes=Shapes({"tool": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)}),
-        ),
-        {"levels": LEVELS},
-        "the arm meets obstacle 1 (sphere) wherever it stands",
-    ),
-    "nothing feasible at a level": (
-        lambda c: replace(
-            designed(
-                c, obstacle=[{"type": "halfspace", "point_mm": (0, 0, 900), "normal": (0, 0, -1)}]
-            ),
-            shapes=Shapes({"A3": (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)}),
-        ),
-        {"levels": LEVELS},
-        "at A2 = -0.01",
-    ),
-    "chi_1 under a vertical load": (
-        lambda c: replace(c, effects=("joint_compliance",)),
-        {"poses": 15},
-        "joint_compliance:A1",
-    ),
-    "no load": (
-        lambda c: replace(
-            c, load=None, effects=("joint_compliance:A3",),
-            robot=replace(c.robot, masses=np.zeros(6)),
-        ),
-        {"poses": 15},
-        "nothing loads the arm",
-    ),
-    "Ds of nothing": (lambda c: c, {"poses": 15, "criterion": "Ds"}, "(of)"),
-    "c of nothing": (lambda c: c, {"poses": 15, "criterion": "c"}, "(of)"),
-    "no candidates": (lambda c: c, {"poses": 15, "candidates": 0}, "too few"),
-    "fewer candidates than poses": (lambda c: c, {"poses": 15, "candidates": 9}, "and 15 are needed"),
-    "a rival by measured torques": (
-        lambda c: c,
-        {"poses": 15, "discriminate": ("measured_torque:A3", "transmission_scale:A3")},
-        "no choice of poses settles",
-    ),
-    "a rival that is in the model": (
-        lambda c: replace(c, effects=("base", "tool", "geometry")),
-        {"poses": 15, "discriminate": ("joint_offset:A3", "transmission_scale:A3")},
-        "a part of geometry",
-    ),
-    "a rival within the other": (
-        lambda c: replace(c, effects=("base", "joint_compliance:A3"), design=Planned()),
-        {"poses": 15, "discriminate": ("joint_compliance:A5", "stiffness_vs_angle:A5")},
-        "no plan tells joint_compliance:A5 from stiffness_vs_angle:A5",
-    ),
-    "a load on axis 6": (
-        lambda c: replace(
-            c, load=Load(250.0, (0.3, 0.0, 0.0)), robot=replace(c.robot, masses=np.zeros(6))
-        ),
-        {"levels": LEVELS},
-        "or move the load",
-    ),
-    "rivals that are alike": (
-        lambda c: replace(c, effects=("base", "tool", "geometry"), load=None, design=Planned()),
-        {"poses": 15, "discriminate": ("joint_offset:A3", "joint_offset:A4")},
-        "",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_plans_that_cannot_be(elastic: Cell, case: str) -> None:
-    change, options, text = REFUSED[case]
-    with pytest.raises(CalibError) as caught:
-        doe.design(change(elastic), **{"candidates": 500, **options})
-    message = str(caught.value)
-    assert case != "a load on axis 6" or "joint_compliance:A6" in message
-    assert case != "a load on axis 6" or isinstance(caught.value, CannotIdentify)
-    assert text in message
-    assert "\n" not in message
-    assert len(message) < 500
 
 
 @pytest.mark.long
@@ -522,3 +412,110 @@ def test_weights_that_meet_their_bound_are_followed(kr270: Cell) -> None:
     )
     found = unpolished(cell, poses=7, criterion="A", candidates=300)
     assert 0.9 < found.efficiency <= 1.0
+
+
+RIGID = ("base", "tool", "geometry")
+
+
+def blocked(obstacle: dict[str, Any], carrier: str) -> Callable[[Cell], Cell]:
+    """The cell with an obstacle, and an arm that has a shape at one link alone."""
+    shapes = Shapes({carrier: (Capsule((0, 0, 0), (0.1, 0, 0), 0.1),)})
+    return lambda cell: replace(designed(cell, obstacle=[obstacle]), shapes=shapes)
+
+
+def weightless(load: Load | None, *effects: str) -> Callable[[Cell], Cell]:
+    return lambda c: replace(
+        c, load=load, effects=effects or c.effects, robot=replace(c.robot, masses=np.zeros(6))
+    )
+
+
+def modelled(*effects: str, **more: Any) -> Callable[[Cell], Cell]:
+    return lambda cell: replace(cell, effects=effects, **more)
+
+
+def as_it_is(cell: Cell) -> Cell:
+    return cell
+
+
+EVERYWHERE = {"type": "sphere", "center_mm": (0, 0, 0), "radius_mm": 9000}
+
+
+LOW = {"type": "halfspace", "point_mm": (0, 0, 900), "normal": (0, 0, -1)}
+
+
+AT_LEVELS, FIFTEEN = {"levels": LEVELS}, {"poses": 15}
+
+
+REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
+    "no number": (as_it_is, {}, "how many poses"),
+    "too few poses": (as_it_is, {"poses": 2}, "poses leave"),
+    "nothing feasible": (
+        blocked(EVERYWHERE, "tool"), AT_LEVELS, "the arm meets obstacle 1 (sphere) wherever it stands"
+    ),
+    "nothing feasible at a level": (blocked(LOW, "A3"), AT_LEVELS, "at A2 = -0.01"),
+    "chi_1 under a vertical load": (modelled("joint_compliance"), FIFTEEN, "joint_compliance:A1"),
+    "no load": (weightless(None, "joint_compliance:A3"), FIFTEEN, "nothing loads the arm"),
+    "Ds of nothing": (as_it_is, FIFTEEN | {"criterion": "Ds"}, "(of)"),
+    "c of nothing": (as_it_is, FIFTEEN | {"criterion": "c"}, "(of)"),
+    "no candidates": (as_it_is, FIFTEEN | {"candidates": 0}, "too few"),
+    "fewer candidates than poses": (as_it_is, FIFTEEN | {"candidates": 9}, "and 15 are needed"),
+    "a rival by measured torques": (
+        as_it_is,
+        FIFTEEN | {"discriminate": ("measured_torque:A3", "transmission_scale:A3")},
+        "no choice of poses settles",
+    ),
+    "a rival that is in the model": (
+        modelled(*RIGID),
+        FIFTEEN | {"discriminate": ("joint_offset:A3", "transmission_scale:A3")},
+        "a part of geometry",
+    ),
+    "a rival within the other": (
+        modelled("base", "joint_compliance:A3", design=Planned()),
+        FIFTEEN | {"discriminate": ("joint_compliance:A5", "stiffness_vs_angle:A5")},
+        "no plan tells joint_compliance:A5 from stiffness_vs_angle:A5",
+    ),
+    "a load on axis 6": (weightless(Load(250.0, (0.3, 0.0, 0.0))), AT_LEVELS, "or move the load"),
+    "rivals that are alike": (
+        modelled(*RIGID, load=None, design=Planned()),
+        FIFTEEN | {"discriminate": ("joint_offset:A3", "joint_offset:A4")},
+        "",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_plans_that_cannot_be(elastic: Cell, case: str) -> None:
+    change, options, text = REFUSED[case]
+    with pytest.raises(CalibError) as caught:
+        doe.design(change(elastic), **{"candidates": 500, **options})
+    message = str(caught.value)
+    if case == "a load on axis 6":
+        assert isinstance(caught.value, CannotIdentify)
+        assert "joint_compliance:A6" in message
+    assert text in message
+    assert message.isprintable()
+    assert len(message) < 500
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("asked", "knots", "count", "each"),
+    [
+        ({"levels": "A2=3x5", "criterion": "task-worst"}, False, 3, 5),
+        ({"levels": "A2=5x3", "criterion": "D"}, False, 5, 3),
+        ({"levels": "A2=5x3", "criterion": "D"}, True, 5, 3),
+        ({"poses": 6, "criterion": "D"}, False, 3, 2),
+    ],
+)
+def test_levels_keep_their_counts(
+    elastic: Cell, asked: dict[str, Any], knots: bool, count: int, each: int
+) -> None:
+    """At any distance, with and without coefficients that follow them; of the cell by poses asked."""
+    table = {"values_deg": [-120.0, -80.0, -40.0], "poses_per_level": 3}
+    cell = elastic if knots else designed(replace(elastic, knots={}), levels={"A2": table})
+    plan = doe.design(cell, candidates=500, **asked)
+    _, counts = np.unique(np.round(plan.poses.q[:, 1], 6), return_counts=True)
+    assert counts.tolist() == [each] * count
+    if "poses" in asked:
+        with pytest.raises(CalibError, match="are 9 poses, not 7"):
+            doe.design(cell, poses=7, **QUICK)

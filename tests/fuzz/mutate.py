@@ -1,4 +1,4 @@
-"""Change a text as people and broken programs do: its numbers, words, lines and nesting."""
+"""Change a text as people and broken programs do: its numbers, words, lines, columns and nesting."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Sequence
 
 _TOKEN = re.compile(r"[A-Za-z_][\w.]*|[-+]?[\d.]+(?:[eE][-+]?\d+)?|\s+|.", re.DOTALL)
-
 NUMBERS = (
     "0", "-0", "1", "-1", "0.0", "1e-320", "1e-9", "1e9", "1e12", "1e15", "1e19", "1e154",
     "1e160", "1e308", "-1e308", "1e400", "nan", "-nan", "inf", "-inf", "infinity", "1_000",
@@ -43,8 +42,7 @@ def _tokens(text: str) -> list[str]:
 def _number(text: str, _: str, rng: random.Random) -> str:
     """Another number in place of one."""
     tokens = _tokens(text)
-    places = [i for i, token in enumerate(tokens) if any(c.isdigit() for c in token)]
-    if places:
+    if places := [i for i, token in enumerate(tokens) if any(c.isdigit() for c in token)]:
         tokens[rng.choice(places)] = rng.choice(NUMBERS)
     return "".join(tokens)
 
@@ -58,40 +56,30 @@ def _word(text: str, other: str, rng: random.Random) -> str:
     return "".join(tokens)
 
 
+def _parts(own: list[str], foreign: list[str], rng: random.Random) -> list[str]:
+    """A run removed, doubled, repeated, or taken from elsewhere."""
+    start, lent = rng.randrange(len(own)), rng.randrange(len(foreign))
+    run = own[start : start + rng.choice((1, 1, 2, 4, 12))]
+    new = rng.choice(([], run * 2, run * 40, foreign[lent : lent + 8]))
+    return own[:start] + new + own[start + len(run) :]
+
+
 def _part(text: str, other: str, rng: random.Random) -> str:
-    """A run of tokens removed, doubled, or taken from another text."""
-    tokens, foreign = _tokens(text), _tokens(other)
-    start = rng.randrange(len(tokens))
-    stop = start + rng.choice((1, 1, 2, 4, 12))
-    lent = rng.randrange(len(foreign))
-    tokens[start:stop] = rng.choice(
-        ([], tokens[start:stop] * 2, tokens[start:stop] * 40, foreign[lent : lent + 8])
-    )
-    return "".join(tokens)
+    return "".join(_parts(_tokens(text), _tokens(other), rng))
 
 
 def _line(text: str, other: str, rng: random.Random) -> str:
-    """A line removed, doubled, moved, or taken from another text."""
-    lines = text.split("\n")
-    place = rng.randrange(len(lines))
-    line = lines.pop(place)
-    if rng.random() < 0.3:
-        return "\n".join(lines)
-    lines.insert(rng.randrange(len(lines) + 1), rng.choice((line, rng.choice(other.split("\n")))))
-    if rng.random() < 0.5:
-        lines.insert(place, line)
-    return "\n".join(lines)
+    return "\n".join(_parts(text.split("\n"), other.split("\n"), rng))
 
 
 def _column(text: str, _: str, rng: random.Random) -> str:
     """Every field of a column alike, or the column gone."""
     lines = [line.split(",") for line in text.split("\n")]
-    place = rng.randrange(max(map(len, lines)))
-    value = rng.choice((*NUMBERS, *WORDS))
-    gone = rng.random() < 0.3
+    place, gone = rng.randrange(max(map(len, lines))), rng.random() < 0.3
+    new = [] if gone else [rng.choice((*NUMBERS, *WORDS))]
     for row in lines[1:] if not gone and rng.random() < 0.8 else lines:
         if place < len(row):
-            row[place : place + 1] = [] if gone else [value]
+            row[place : place + 1] = new
     return "\n".join(",".join(row) for row in lines)
 
 

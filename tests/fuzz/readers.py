@@ -5,32 +5,65 @@ A reader takes a folder with the files of the demonstration and the bytes under 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import calib
+from calib.files.estimate import load_estimate
+from calib.files.mjcf import load_mjcf
+from calib.files.read import sha256
 from calib.files.robot_out import corrected_urdf
 from calib.files.tables import holds_points, load_plan, load_targets
 from calib.files.urdf import load_urdf
 from calib.files.write import json_text
 from calib.files.write_tables import measurements_csv
 from calib.model.build import build, parse_effect
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate
 from doe.levels import levels_of, parse_levels
 from doe.parameters import interest_of, with_rivals
 from doe.request import Request
 from studies.command.design import candidates_of, two_effects
 from studies.command.session import read_session
 from studies.demo.embedded import embedded_cell, embedded_plan, embedded_text
-from tests.fuzz.estimates import ESTIMATES, estimate
-from tests.fuzz.mjcf import MJCF, mjcf
-from tests.fuzz.reader import PART, Reader, parts, put
+from studies.results.base import envelope
+from studies.results.compensate import CompensateResult
+from studies.results.estimate import Estimated
 from tests.fuzz.small_cell import URDF
 from tests.helpers import simulated
+from tests.trees import random_mjcf
+
+Read = Callable[[Path, bytes], object]
+
+
+PART = "\n#----\n"
+
+
+"""Between the files of an input that holds several."""
+
+
+def put(folder: Path, name: str, content: bytes) -> Path:
+    """The file with the content."""
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
+def parts(content: bytes) -> tuple[bytes, bytes]:
+    """Both files of an input, empty where the second is missing."""
+    first, _, second = content.partition(PART.encode())
+    return first, second
+
 
 CELL = embedded_cell()
+
+
 DATA = simulated(CELL, embedded_plan(CELL), 0)[0]
+
+
 MODEL = build(CELL, DATA.poses).model
 
 
@@ -83,7 +116,7 @@ def options(folder: Path, content: bytes) -> object:
 
 def whole(folder: Path, content: bytes) -> object:
     """Cell and data in one input: what loads must also identify, or say why not."""
-    head, table = parts(content, 2)
+    head, table = parts(content)
     own = calib.load_cell(put(folder, "cell.toml", head))
     return calib.identify(own, calib.load_measurements(own, put(folder, "data.csv", table)))
 
@@ -159,8 +192,14 @@ def _table(columns: str, *rows: str) -> str:
 
 
 _JOINTS = "A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg"
+
+
 _AT = ("10,-90,80,5,-30,0", "-20,-45,100,15,30,90")
+
+
 _FEW = measurements_csv(CELL, DATA.take([0, 1, 15]))
+
+
 _SESSION = _table(
     f"pose,marker,{_JOINTS},x_m,y_m,z_m,time_s,temperature_degC,station,sigma_mm,"
     + ",".join(f"approach_A{k}" for k in range(1, 7)),
@@ -170,10 +209,14 @@ _SESSION = _table(
         for m in (1, 2, 3)
     ),
 )
+
+
 _PLANS = (
     embedded_text("plan.csv"),
     _table(f"pose,{_JOINTS},fx_N,fz_N,level", *(f"p{i},{_AT[i]},0,-2450,-90" for i in (0, 1))),
 )
+
+
 _RESULT = json_text(
     {
         "schema": 1,
@@ -181,6 +224,8 @@ _RESULT = json_text(
         "parameters": [{"id": p.id, "value": 0.125, "unit": p.unit} for p in MODEL.parameters],
     }
 )
+
+
 _OPTIONS = (
     "levels=A2=5x3",
     "levels=A2=-140,-57,-10x3",
@@ -191,24 +236,102 @@ _OPTIONS = (
     "of=joint_compliance:A6,geometry",
     f"sum={MODEL.parameters[0].id}=0.5,{MODEL.parameters[-1].id}=-2",
 )
+
+
 _RIGID = (
     embedded_text("cell.toml")
     .replace('"geometry", ', "")
     .replace(', "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"', ', "joint_offset"')
 )
+
+
 _MANY = measurements_csv(CELL, DATA)
 
-READERS: dict[str, Reader] = {
-    "cell": Reader(cell, (EVERY_KEY, embedded_text("cell.toml"))),
-    "urdf": Reader(urdf, (embedded_text("kr270.urdf"), URDF)),
-    "measurements": Reader(measurements, (_FEW, _SESSION)),
-    "holdout": Reader(holdout, (_FEW, _SESSION)),
-    "plan": Reader(plan, _PLANS),
-    "targets": Reader(
-        targets, (*_PLANS, _PLANS[1].replace("level", "weight").replace(",-90\n", ",2\n"))
+
+def mjcf(folder: Path, content: bytes) -> object:
+    """Read the chain."""
+    main, other = parts(content)
+    path = put(folder, "arm.xml", main)
+    put(folder, "part.xml", other)
+    return load_mjcf(path, "base", "tip")
+
+
+_OUTER = """\
+<mujoco><include file="part.xml"/>
+  <worldbody><body name="base"><include file="./part.xml"/><joint name="j0"/><geom size="0.1"/>
+    <body name="tip"><joint name="j1"/><geom type="box" size="0.1 0.1 0.1"/></body></body></worldbody>
+</mujoco>
+"""
+
+
+_INNER = (
+    '<mujocoinclude><option timestep="0.01"/><default><geom density="9"/></default></mujocoinclude>'
+)
+
+
+MJCF = (
+    _OUTER.replace('<include file="./part.xml"/>', "") + PART + _INNER,
+    *(
+        random_mjcf(np.random.default_rng(i), 3, tip) + PART
+        for i, tip in ((1, "site"), (2, "link"))
     ),
-    "options": Reader(options, _OPTIONS),
-    "whole": Reader(whole, (f"{_RIGID}{PART}{_MANY}", f"{EVERY_KEY}{PART}{_MANY}")),
-    "mjcf": Reader(mjcf, MJCF),
-    "estimate": Reader(estimate, ESTIMATES),
+)
+
+
+POSES = embedded_plan(CELL).take([0, 7])
+
+
+def estimate(folder: Path, content: bytes) -> object:
+    """What ``posecal compensate`` does with a result."""
+    known = load_estimate(CELL, put(folder, "result.json", content))
+    found = calib.compensate(CELL, known, POSES)
+    return CompensateResult.of(found, CELL, envelope(CELL.name, [])).to_json()
+
+
+def _result(command: str, effects: tuple[str, ...]) -> str:
+    """A result as far as ``compensate`` reads it."""
+    model = build(replace(CELL, effects=effects), POSES).model
+    values = 0.1 * model.sizes
+    own = Estimate(
+        model,
+        values,
+        np.diag(0.01 * model.sizes**2),
+        0.0,
+        ModelDiscrepancy(1e-5, "fitted poses"),
+        (model.parameters[0].id,),
+        ("a note",),
+    )
+    inputs = [
+        {"file": str(path), "sha256": sha256(path)} for path in (CELL.path, *CELL.robot_files)
+    ]
+    head = {"schema": 1, "command": command, "inputs": inputs}
+    return json_text({**head, "estimate": Estimated.of(own).model_dump(by_alias=True)})
+
+
+ESTIMATES = (
+    _result("identify", ("base", "tool", "joint_offset")),
+    _result("identify", CELL.effects),
+    _result(
+        "diagnose",
+        (
+            "base",
+            "joint_offset:A2",
+            "backlash:A1",
+            "transmission_harmonic:A3",
+            "joint_compliance:A2",
+        ),
+    ),
+)
+
+READERS: dict[str, tuple[Read, tuple[str, ...]]] = {
+    "cell": (cell, (EVERY_KEY, embedded_text("cell.toml"))),
+    "urdf": (urdf, (embedded_text("kr270.urdf"), URDF)),
+    "measurements": (measurements, (_FEW, _SESSION)),
+    "holdout": (holdout, (_FEW, _SESSION)),
+    "plan": (plan, _PLANS),
+    "targets": (targets, (*_PLANS, _PLANS[1].replace("level", "weight").replace(",-90\n", ",2\n"))),
+    "options": (options, _OPTIONS),
+    "whole": (whole, (f"{_RIGID}{PART}{_MANY}", f"{EVERY_KEY}{PART}{_MANY}")),
+    "mjcf": (mjcf, MJCF),
+    "estimate": (estimate, ESTIMATES),
 }

@@ -59,6 +59,17 @@ _COMMANDS = (
     ("compensate cell.toml identified.json targets.csv", "compensated"),
 )
 
+KINDS = {
+    "identified": "identify",
+    "diagnosed": "diagnose",
+    "sight": "plan",
+    "designed": "design",
+    "compared": "compare",
+    "enough": "enough",
+    "compensated": "compensate",
+}
+"""Kind of the result, by the name that it has here."""
+
 
 def _table(places: Sequence[tuple[int, int]]) -> str:
     rows = [f"p{i},{x},{angle}" for i, (x, angle) in enumerate(places)]

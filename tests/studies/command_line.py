@@ -1,10 +1,11 @@
-"""Commands run in this process, and the paper's cell on disk."""
+"""Commands run in this process, the paper's cell on disk, and what a page may not do."""
 
 from __future__ import annotations
 
 import functools
 import json
 import re
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -63,3 +64,36 @@ def paper_cell(folder: Path, *effects: str) -> Path:
             re.sub(r"^effects = .*$", f"effects = [{listed}]", path.read_text(), flags=re.M)
         )
     return path
+
+
+_NEVER = {"img", "iframe", "object", "embed", "link", "base", "form", "applet", "audio", "video"}
+
+
+_OWN = ("data:image/png;base64,", "#")  # a picture is a cloud of points within a figure
+
+
+class _Outline(HTMLParser):
+    """What a page could do."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.harm: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag in _NEVER | {"script"}:
+            self.harm.append(tag)
+        for key, value in attrs:
+            text = value or ""
+            refers = key.endswith(("href", "src", "action", "srcdoc", "data"))
+            outside = refers and not text.startswith(_OWN)
+            styled = key == "style" and ("url(" in text.replace("url(#", "") or "@import" in text)
+            if key.startswith("on") or outside or styled:
+                self.harm.append(f"{tag} {key}={text:.80}")
+
+
+def check_harmless(html: str) -> None:
+    """Fail where a page has scripts, events or references beyond its own."""
+    outline = _Outline()
+    outline.feed(html)
+    outline.close()
+    assert not outline.harm, outline.harm

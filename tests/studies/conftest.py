@@ -1,4 +1,4 @@
-"""One run of the demonstration for all tests that read what it leaves."""
+"""One run of the demonstration, and one identification, for all tests that read what they leave."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ import os
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from studies.cli import main
+from tests.helpers import measured_cell
+from tests.studies.command_line import run
+
+TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
+0.2,-60,70,20,45,10,1
+-0.5,-90,100,0,30,0,2
+0.7,-45,60,-40,60,90,1
+0,-80,90,0,0,0,1
+"""
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +32,20 @@ def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with (whole / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not said.exists():
-            done = CliRunner().invoke(main, ["demo", str(folder)])
+            done = run("demo", folder)
             assert done.exit_code == 0, done.output
             said.write_text(done.output)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's cell, what a robot that the model knows measures, and what ``identify`` writes."""
+    folder = measured_cell(tmp_path_factory.mktemp("demo"))
+    done = run(
+        "identify", folder / "cell.toml", folder / "measurements.csv",
+        "--json", folder / "result.json", "--urdf", folder / "kr270_calibrated.urdf",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    (folder / "targets.csv").write_text(TARGETS)
     return folder

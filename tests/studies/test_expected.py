@@ -17,7 +17,7 @@ from calib.prediction.estimate import Estimate, ExpectedError
 from studies.compare.experiment import POINTS, experiment_of, predict
 from studies.render import mm
 from studies.results.expected import ExpectedErrors
-from tests.calib.prediction import arm_days as days
+from tests import plain_day as days
 from tests.studies.command_line import result, run
 
 MORE = """

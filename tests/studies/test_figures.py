@@ -3,26 +3,78 @@
 from __future__ import annotations
 
 import re
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 import calib
+from calib import Cell
+from calib.diagnosis import Diagnosis
 from studies import figures
 from studies.figures.parameters import ellipse
 from studies.figures.style import log_axis, panels, styled, svg
+from studies.render import markdown
 from studies.research.picture import picture
-from studies.results.diagnose import DiagnoseResult
+from studies.results.base import envelope
+from studies.results.diagnose import DiagnoseResult, SpectrumLines, aliases_of
 from studies.results.identify import IdentifyResult
 from studies.results.parts import joint_array
 from studies.results.read import read_as
-from tests.studies.drawn_words import collisions
+from tests.calib.test_error_curve import HALF, found
+from tests.calib.test_recovered import arm, session
+from tests.calib.test_recovered import read as instrument_reads
+from tests.calib.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.two_arms import EYE, PLATE, in_view, written
+
+_INSET = 1.0  # pixels at 100 dots per inch: what touches by rounding does not collide
+
+
+_BESIDE = 1.0  # pixels that words side by side keep apart, else they read as one
+
+
+def words_of(figure: Figure) -> list[tuple[str, Bbox]]:
+    """Every text that is drawn, with its box in pixels at 100 dots per inch."""
+    found: list[tuple[str, Bbox]] = []
+    draw = Text.draw
+
+    def recorded(self: Text, renderer: object) -> None:
+        draw(self, renderer)
+        if self.get_visible() and self.get_text().strip():
+            found.append((self.get_text(), self.get_window_extent(renderer)))
+
+    figure.set_dpi(100)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # finds the places
+    with patch.object(Text, "draw", recorded):
+        canvas.draw()
+    return found
+
+
+def collisions(figure: Figure) -> list[tuple[str, str]]:
+    """Pairs of texts that overlap, and texts that leave the figure."""
+    words = words_of(figure)
+    width, height = (100.0 * size for size in figure.get_size_inches())
+    beyond = [
+        (text, "the edge")
+        for text, box in words
+        if min(box.x0, box.y0) < -_INSET or box.x1 > width + _INSET or box.y1 > height + _INSET
+    ]
+    return beyond + [
+        (one, other)
+        for (one, a), (other, b) in combinations(words, 2)
+        if min(a.x1, b.x1) - max(a.x0, b.x0) > -_BESIDE
+        and min(a.y1, b.y1) - max(a.y0, b.y0) > _INSET
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -141,3 +193,42 @@ def _axis(low: float, high: float) -> list[float]:
 )
 def test_a_log_axis_has_ticks_to_read(low: float, high: float) -> None:
     assert 2 <= len(_axis(low, high)) <= 10
+
+
+@pytest.fixture(scope="module")
+def diagnosis() -> Diagnosis:
+    return found("backlash:A3", (HALF,))[0]
+
+
+@pytest.mark.long
+def test_steps_and_curve_are_those_of_the_diagnosis(diagnosis: Diagnosis, kr270: Cell) -> None:
+    made = envelope("cell", [])
+    result = DiagnoseResult.of(diagnosis, kr270, made)
+    gap, steps = result.gap, result.steps
+    assert steps is not None
+    assert steps.added == ("backlash:A3",)
+    assert steps.of == "held-out poses"
+    assert steps.rms_mm == pytest.approx((gap.heldout_before_mm, gap.heldout_after_mm))
+    (curve,) = result.curves
+    assert curve.absorbed
+    assert "such as a constant part" in markdown(result, page=True, draw=lambda *own: own[2])
+    (panel,) = curve.panels
+    own, sign = (np.array(values, dtype=float) for values in (panel.effect, curve.variable))
+    np.testing.assert_allclose(sign, diagnosis.data.poses.approach[:, 2])  # type: ignore[index]
+    half = 0.5 * (own[sign > 0].mean() - own[sign < 0].mean())
+    assert half == pytest.approx(1e6 * diagnosis.causes[0].values[0], rel=1e-6)
+    figure = figures.located_curve(result, curve)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["error of A3 [urad]"]
+    assert result.model_validate_json(result.to_json()) == result
+
+
+def test_entries_say_aliases() -> None:
+    cell, rng = arm(), np.random.default_rng(9)
+    poses = on_grid(session(cell, rng, 90), 1)
+    data = instrument_reads(cell, poses, rng, with_ripple(poses, 1, 100.0, 6e-5))
+    seen = list(spectra_at(cell, data, [("j2", 100.0)]).values())
+    for spectrum in seen:
+        assert len(SpectrumLines.of(spectrum).lines) == len(spectrum.lines)
+    (cycles,) = (c for c, _ in seen[1].named)
+    assert aliases_of("j1", cycles, seen) == ()
+    np.testing.assert_allclose(np.sort(aliases_of("j2", cycles, seen)), mirrored(cycles), atol=0.1)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any
@@ -28,7 +29,7 @@ from calib.poses import hung
 from calib.simulation import drawn_readings
 from studies.demo.embedded import embedded_cell, embedded_plan
 from studies.research.bench import Output, Row, bench, table
-from studies.research.benchmarks.design import ELASTIC
+from studies.research.problems import ELASTIC
 
 NAMES = (*(f"chi_2{k}" for k in range(1, 6)), "chi_3", "chi_4", "chi_5", "chi_6")
 MICRO = 1e-6  # rad/(N m) in the unit of our tables
@@ -154,15 +155,16 @@ def main(seed: int) -> Output:
     best = scanned(plan, cell)
     assert cell.load is not None  # noqa: S101
     ours = judge(np.array(cell.load.com), plan, cell, printed)
+    places = [(p.id, i) for i, p in enumerate(model.parameters) if p.effect in ("base", "tool")]
     told = {
-        "Table III: base and markers\n": _table_three(model, truth, results),
-        "\nTable IV: compliances, 1e-6 rad/(N m)\n": _table_four(model, truth, results),
+        "Table III: base and markers\n": _compared(places, model, truth, results),
+        "\nTable IV: compliances, 1e-6 rad/(N m)\n": _compared(
+            zip(NAMES, compliances(model), strict=True), model, truth, results
+        ),
         "\nintervals of Table IV, taken as one standard deviation, against the prediction for\n"
-        "loaded minus free readings, 1e-6 rad/(N m)\n": _intervals(printed, ours, best[0]),
-        f"\nthe best of {len(best)} load points: printed over predicted\n": [
-            _load_point(printed, point) for point in best[:5]
-        ],
-    }
+        f"loaded minus free readings, 1e-6 rad/(N m); the best of {len(best)} load points last\n":
+            _intervals(printed, ours, best[0]),
+    }  # fmt: skip
     ratio = printed[KNOWN] * MICRO / ours.std[KNOWN]
     unit = (
         "\nThe unit: Table IV prints rad/(N mm) without a power of ten. At 1e-6 rad/(N m) its\n"
@@ -174,34 +176,22 @@ def main(seed: int) -> Output:
     return [*shown, unit], {above.strip(): rows for above, rows in told.items()}
 
 
-def _table_three(model: Model, truth: Array, results: dict[str, calib.Identification]) -> list[Row]:
+def _compared(
+    named: Iterable[tuple[str, int]],
+    model: Model,
+    truth: Array,
+    results: dict[str, calib.Identification],
+) -> list[Row]:
+    """Truth and both solvers' values of some parameters, in their units."""
     joint, turns = results["joint"], results["two-step"]
-    return [
-        {
-            "parameter": f"{p.where}.{p.name}",
-            "unit": p.unit,
-            "truth": f"{truth[i] / p.scale:.3f}",
-            "joint": f"{joint.values[i] / p.scale:.3f}",
-            "two-step": f"{turns.values[i] / p.scale:.3f}",
-            "standard\ndeviation": f"{joint.std[i] / p.scale:.3f}",
-        }
-        for i, p in enumerate(model.parameters)
-        if p.effect in ("base", "tool")
-    ]
-
-
-def _table_four(model: Model, truth: Array, results: dict[str, calib.Identification]) -> list[Row]:
-    joint, turns = results["joint"], results["two-step"]
-    return [
-        {
-            "compliance": name,
-            "truth": f"{truth[i] / MICRO:.3f}",
-            **{way: f"{found.values[i] / MICRO:.4f}" for way, found in results.items()},
-            "std": f"{joint.std[i] / MICRO:.4f}",
-            "two-step\n- joint": f"{(turns.values[i] - joint.values[i]) / joint.std[i]:.0e} std",
-        }
-        for name, i in zip(NAMES, compliances(model), strict=True)
-    ]
+    rows = []
+    for name, i in named:
+        scale = model.parameters[i].scale
+        shown = {"truth": truth, "joint": joint.values, "two-step": turns.values, "std": joint.std}
+        apart = (turns.values[i] - joint.values[i]) / joint.std[i]
+        values = {key: f"{value[i] / scale:.4f}" for key, value in shown.items()}
+        rows.append({"parameter": name, **values, "two-step\n- joint": f"{apart:.0e} std"})
+    return rows
 
 
 def _intervals(printed: Array, *points: LoadPoint) -> list[Row]:
@@ -214,16 +204,6 @@ def _intervals(printed: Array, *points: LoadPoint) -> list[Row]:
             row[f"printed over\nthat, {at}"] = f"{printed[i] * MICRO / point.std[i]:.2f}"
         rows.append(row)
     return rows
-
-
-def _load_point(printed: Array, point: LoadPoint) -> Row:
-    ratio = printed * MICRO / point.std
-    return {
-        "load point [mm]": _mm(point.com),
-        "scatter of\nthe logs": f"{point.scatter:.3f}",
-        "common\nfactor": f"{point.factor:.2f}",
-        **{name: f"{r:.2f}" for name, r in zip(NAMES[6:], ratio[6:], strict=True)},
-    }
 
 
 def _mm(com: Array) -> str:

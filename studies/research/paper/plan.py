@@ -17,7 +17,7 @@ from doe.planning import planned
 from doe.request import request_of
 from studies.demo.embedded import embedded_plan
 from studies.research.bench import Output, Row, bench, count, each, table
-from studies.research.benchmarks.design import CASES, LEVELS, cell_of
+from studies.research.problems import LEVELS, paper_cell
 
 CRITERIA = {
     "task (markers)": ("task", True, "task_rms"),
@@ -53,8 +53,8 @@ def main(candidates: int, seed: int) -> Output:
     del seed
     shown: list[object] = []
     found: dict[str, list[Row]] = {}
-    for case, arm in (("paper, no masses", "massless arm"), ("paper", "with the links' weights")):
-        cell = cell_of(CASES[case])
+    for masses, arm in ((False, "massless arm"), (True, "with the links' weights")):
+        cell = paper_cell(masses)
         plan = embedded_plan(cell)
         found[arm] = each(compared, ((cell, plan, name, candidates) for name in CRITERIA))
         shown += [f"\n{arm}; task in m, A and D in urad/(N m)", table(found[arm])]

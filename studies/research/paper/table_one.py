@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arm.robot import Robot
+from calib.arm.se3 import transform
 from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.effects.context import Context
@@ -35,7 +37,6 @@ from studies.compare.experiment import (
 )
 from studies.compare.simulate import Refits, agreement, refits
 from studies.research.bench import Output, Row, bench, count, table
-from studies.research.paper.arm import arm_of_equation_21
 
 PARAMETERS = ("l1", "l2", "l3", "q1", "q2", "q3")
 UNITS = ("mm",) * 3 + ("mdeg",) * 3
@@ -75,6 +76,38 @@ def embedded_setting() -> Setting:
         np.radians(found["configurations_deg"]),
         np.array(list(found["markers_mm"].values())) * 1e-3,
         found["length_mm"] * 1e-3,
+    )
+
+
+LENGTHS_M = (1.0, 0.8, 0.6)
+"""l_1, l_2, l_3 of the paper's simulation study [m]."""
+
+
+def arm_of_equation_21() -> Robot:
+    """The weightless arm of equation (21), its tip at the end of link 3 with x along the link.
+
+    Joint 1 turns about +z; joints 2 and 3 about -y, so that positive angles lift the links as in
+    ``z = l_1 + l_2 sin q_2 + l_3 sin(q_2 + q_3)``. At q = 0 all frames are parallel to the base.
+
+    >>> from calib.arm.kinematics import forward
+    >>> frames = forward(arm_of_equation_21(), np.array([[0.0, 0.0, np.pi / 2]]))
+    >>> [float(x) for x in frames.o[0, -1].round(9)]
+    [0.8, 0.0, 1.6]
+    """
+    rise, upper, fore = LENGTHS_M
+    shifts = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, rise], [upper, 0.0, 0.0], [fore, 0.0, 0.0]])
+    return Robot(
+        name="arm of equation (21)",
+        base="base",
+        tip="tip",
+        joints=("q1", "q2", "q3"),
+        prismatic=np.zeros(3, dtype=bool),
+        origins=transform(np.broadcast_to(np.eye(3), (4, 3, 3)), shifts),
+        axes=np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [0.0, -1.0, 0.0]]),
+        limits=np.full((3, 2), [-np.pi, np.pi]),
+        efforts=np.full(3, np.nan),
+        masses=np.zeros(3),
+        coms=np.zeros((3, 3)),
     )
 
 

@@ -1,4 +1,4 @@
-"""The constraints of a cell: which there are, by which names, and the joint limits."""
+"""The constraints of a cell: which there are, what each allows, and what its instrument sees."""
 
 from __future__ import annotations
 
@@ -10,38 +10,31 @@ import mujoco
 import numpy as np
 import pytest
 
-from calib import Cell, load_cell
-from calib.arm.robot import Shapes
-from calib.arm.statics import Payload
+import doe
+from calib import Cell, Tracker, load_cell
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.mimic import Coupling
+from calib.arm.robot import Capsule, Shapes
+from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
 from calib.cell import Load
 from doe.constraints import constraints_of, scene_of, visible
 from doe.constraints.limits import static_torques
 from doe.constraints.scene import Scene
-from tests.doe.constraints.arms import LINK, allowed, configurations, only, planar, shaped
-from tests.helpers import GRAVITY, designed
+from tests.calib.test_trees import two_hands
+from tests.doe.constraints.arms import (
+    CAPSULE,
+    LINK,
+    allowed,
+    capsule_geoms,
+    configurations,
+    only,
+    planar,
+    sees,
+    shaped,
+)
+from tests.helpers import GRAVITY, designed, read_by
 from tests.studies.command_line import paper_cell
-
-
-def test_cell_without_anything() -> None:
-    cell = planar()
-    scene = scene_of(cell, np.zeros((4, 3)))
-    assert constraints_of(cell) == ()
-    assert visible(scene).tolist() == [[True]] * 4
-    assert not {"frames", "capsules", "markers"} & set(vars(scene)), "nothing was computed"
-
-
-def test_order_and_names_of_constraints() -> None:
-    cell = shaped(1)
-    assert [c.name for c in constraints_of(cell)] == [
-        "joint_limits",
-        "obstacle 1 (box)",
-        "obstacle 2 (sphere)",
-        "obstacle 3 (halfspace)",
-        "self_collision",
-        "hanging_load",
-        "joint_torque",
-    ]
 
 
 def test_constraints_of_a_cell_file(tmp_path: Path) -> None:
@@ -90,64 +83,6 @@ def test_constraints_of_a_cell_file(tmp_path: Path) -> None:
     assert visible(scene).tolist() == [[False] * 3, [True] * 3, [True] * 3, [True] * 3]
 
 
-def test_chunk_of_no_configuration() -> None:
-    cell = shaped(1)
-    scene = scene_of(cell, np.empty((0, 5)))
-    assert all(c.allows(scene).shape == (0,) for c in constraints_of(cell))
-    assert visible(scene).shape == (0, 3)
-
-
-def test_joint_limits() -> None:
-    low, high = np.radians([-90.0, -45.0, -10.0]), np.radians([90.0, 45.0, 10.0])
-    cell = planar(limits=np.column_stack([low, high]))
-    q = np.array([high, low, high + 1e-6 * np.eye(3)[2], low - 1e-6 * np.eye(3)[0], high + 1e-10])
-    assert only(cell).allows(scene_of(cell, q)).tolist() == [True, True, False, False, True]
-
-
-# -- The arm against what stands in the cell, by hand ----------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("obstacle", "name"),
-    [
-        (
-            {
-                "type": "box",
-                "center_mm": (0, 2500, 0),
-                "size_mm": (2000, 200, 200),
-                "rpy_deg": (0, 0, 90),
-            },
-            "obstacle 1 (box)",
-        ),
-        ({"type": "sphere", "center_mm": (0, 2500, 0), "radius_mm": 1000}, "obstacle 1 (sphere)"),
-        (
-            {"type": "halfspace", "point_mm": (7, 1500, 7), "normal": (0, 3, 0)},
-            "obstacle 1 (halfspace)",
-        ),
-    ],
-)
-def test_obstacles(obstacle: dict[str, Any], name: str) -> None:
-    """All three begin 1.5 m from the base along y: two links reach it, less than 1.4 m does not."""
-    cell = designed(planar(2, shapes=Shapes({"j1": (LINK,), "j2": (LINK,)})), obstacle=[obstacle])
-    assert only(replace(cell, shapes=Shapes({"j2": (LINK,)}))).name == name
-    found = allowed(cell, (90, 0), (90, 180), (-90, 0), (90, 90), (90, 70), (90, 66))
-    # One metre up and then 1 m at 20 or 24 degrees: 0.34 or 0.41 m further up, 0.1 m thick.
-    sideways = obstacle["type"] == "halfspace"
-    assert found == [False, True, True, True, True, not sideways]
-
-
-def test_base_may_touch_obstacles() -> None:
-    floor = {"type": "halfspace", "point_mm": (0, 0, -50), "normal": (0, 0, -1)}
-    on_floor = designed(planar(shapes=Shapes({"base": (LINK,)})), obstacle=[floor])
-    assert constraints_of(on_floor) == ()
-    touching = replace(on_floor, shapes=Shapes({"base": (LINK,), "j1": (LINK,)}))
-    assert allowed(touching, (0, 0, 0)) == [False]
-
-
-# What the arm can do where it stands: torques against MuJoCo and the model, a load that hangs
-# free -------------------------------------------------------------------------------------------
-
-
 def test_torques_are_those_of_mujoco(arm: tuple[Cell, Scene, mujoco.MjModel]) -> None:
     cell, scene, model = arm
     assert cell.load is not None
@@ -180,15 +115,6 @@ def test_joint_torque() -> None:
     assert allowed(weak, (0, 0, 0)) == [False]
 
 
-def test_torque_that_cannot_act() -> None:
-    weightless = planar(efforts=np.full(3, 10.0))
-    assert constraints_of(weightless) == ()
-    assert constraints_of(planar(masses=np.full(3, 5.0))) == ()
-    assert only(planar(masses=np.full(3, 5.0), efforts=np.full(3, 10.0))).name == "joint_torque"
-    with_load = replace(weightless, load=Load(1.0, (0, 0, 0)))
-    assert only(with_load).name == "joint_torque"
-
-
 @pytest.mark.parametrize("gravity", [GRAVITY, np.array([0.0, -9.0, 0.0])])
 def test_hanging_load(gravity: Array) -> None:
     """Axes about z: gravity along z leaves the tip's x axis level, gravity along y does not."""
@@ -199,10 +125,216 @@ def test_hanging_load(gravity: Array) -> None:
     assert allowed(cell, *q) == steep
 
 
-def test_load_that_hangs_everywhere() -> None:
-    cell = planar(load=Load(5.0, (0, 0, 0)), gravity=np.array([0.0, -9.0, 0.0]))
-    assert constraints_of(cell) == ()
-    limited = replace(cell, load=Load(5.0, (0, 0, 0), 0.1))
-    assert only(limited).name == "hanging_load"
-    assert constraints_of(replace(limited, gravity=np.zeros(3))) == ()
-    assert constraints_of(replace(limited, load=None)) == ()
+def test_what_is_not_asked_is_not_computed() -> None:
+    scene = scene_of(planar(), np.zeros((4, 3)))
+    assert visible(scene).tolist() == [[True]] * 4
+    assert not {"frames", "capsules", "markers"} & set(vars(scene))
+    cell = shaped(1)
+    nobody = scene_of(cell, np.empty((0, 5)))
+    assert all(c.allows(nobody).shape == (0,) for c in constraints_of(cell))
+    assert visible(nobody).shape == (0, 3)
+
+
+FLOOR = {"type": "halfspace", "point_mm": (0, 0, -50), "normal": (0, 0, -1)}
+
+
+ON_FLOOR = designed(planar(shapes=Shapes({"base": (LINK,)})), obstacle=[FLOOR])
+
+
+HANGING = planar(load=Load(5.0, (0, 0, 0)), gravity=np.array([0.0, -9.0, 0.0]))
+
+
+LIMITED = replace(HANGING, load=Load(5.0, (0, 0, 0), 0.1))
+
+
+HEAVY = {"masses": np.full(3, 5.0)}
+
+
+EFFORTS = {"efforts": np.full(3, 10.0)}
+
+
+NAMES: dict[str, tuple[Cell, tuple[str, ...]]] = {
+    "nothing": (planar(), ()),
+    "every kind": (
+        shaped(1),
+        (
+            "joint_limits",
+            "obstacle 1 (box)",
+            "obstacle 2 (sphere)",
+            "obstacle 3 (halfspace)",
+            "self_collision",
+            "hanging_load",
+            "joint_torque",
+        ),
+    ),
+    "a base on the floor": (ON_FLOOR, ()),
+    "efforts without weights": (planar(**EFFORTS), ()),
+    "weights without efforts": (planar(**HEAVY), ()),
+    "weights and efforts": (planar(**HEAVY, **EFFORTS), ("joint_torque",)),
+    "a load and efforts": (planar(**EFFORTS, load=Load(1.0, (0, 0, 0))), ("joint_torque",)),
+    "a load that hangs everywhere": (HANGING, ()),
+    "a load of a largest tilt": (LIMITED, ("hanging_load",)),
+    "the same without gravity": (replace(LIMITED, gravity=np.zeros(3)), ()),
+    "the same without the load": (replace(LIMITED, load=None), ()),
+}
+
+
+@pytest.mark.parametrize("case", NAMES)
+def test_constraints_that_a_cell_has_and_their_names(case: str) -> None:
+    cell, names = NAMES[case]
+    assert tuple(c.name for c in constraints_of(cell)) == names
+
+
+def test_joint_limits_and_the_floor() -> None:
+    low, high = np.radians([-90.0, -45.0, -10.0]), np.radians([90.0, 45.0, 10.0])
+    cell = planar(limits=np.column_stack([low, high]))
+    q = np.array([high, low, high + 1e-6 * np.eye(3)[2], low - 1e-6 * np.eye(3)[0], high + 1e-10])
+    assert only(cell).allows(scene_of(cell, q)).tolist() == [True, True, False, False, True]
+    touching = replace(ON_FLOOR, shapes=Shapes({"base": (LINK,), "j1": (LINK,)}))
+    assert allowed(touching, (0, 0, 0)) == [False]
+
+
+BOX = {"type": "box", "center_mm": (0, 2500, 0), "size_mm": (2000, 200, 200), "rpy_deg": (0, 0, 90)}
+
+
+BALL = {"type": "sphere", "center_mm": (0, 2500, 0), "radius_mm": 1000}
+
+
+WALL = {"type": "halfspace", "point_mm": (7, 1500, 7), "normal": (0, 3, 0)}
+
+
+@pytest.mark.parametrize("obstacle", [BOX, BALL, WALL], ids=["box", "sphere", "halfspace"])
+def test_obstacles(obstacle: dict[str, Any]) -> None:
+    """All three begin 1.5 m from the base along y: two links reach it, less than 1.4 m does not."""
+    cell = designed(planar(2, shapes=Shapes({"j1": (LINK,), "j2": (LINK,)})), obstacle=[obstacle])
+    kind = obstacle["type"]
+    assert only(replace(cell, shapes=Shapes({"j2": (LINK,)}))).name == f"obstacle 1 ({kind})"
+    # One metre up and then 1 m at 20 or 24 degrees: 0.34 or 0.41 m further up, 0.1 m thick.
+    found = allowed(cell, (90, 0), (90, 180), (-90, 0), (90, 90), (90, 70), (90, 66))
+    assert found == [False, True, True, True, True, kind != "halfspace"]
+
+
+def test_drives_hold_what_hangs_on_both_sides() -> None:
+    cell, poses, _ = two_hands(1)
+    robot = cell.robot
+    frames = forward(robot, poses.q)
+    loads = loads_of(robot, poses, cell.payload, cell.gravity)
+    local = transmitted(robot, loads, frames, link_origins(robot, frames, poses.q)).local
+    expected = np.einsum("mki,ki->mk", local[:, 1 : robot.dof + 1, 3:], robot.axes)
+    free, loaded = static_torques(scene_of(cell, poses.q))
+    np.testing.assert_allclose(free, expected, atol=1e-10)
+    np.testing.assert_allclose(loaded, expected, atol=1e-10)
+
+
+def test_a_drive_holds_its_share_of_what_a_coupling_moves() -> None:
+    cell, poses, _ = two_hands(1)
+    free, _ = static_torques(scene_of(cell, poses.q))
+    level = Coupling("right1", (("hip", -0.5), ("torso", -1.0)), 0.0)
+    tied = replace(cell, robot=replace(cell.robot, couplings=(level,)))
+    held, _ = static_torques(scene_of(tied, poses.q))
+    hip, torso, right = (cell.robot.joints.index(name) for name in ("hip", "torso", "right1"))
+    expected = free.copy()
+    expected[:, hip] -= 0.5 * free[:, right]
+    expected[:, torso] -= free[:, right]
+    np.testing.assert_allclose(held, expected, atol=1e-10)
+
+
+def test_a_plan_of_both_arms_keeps_an_undriven_joint_in_place_and_in_its_limits() -> None:
+    cell, _, _ = two_hands(0)
+    limits = np.tile([-2.0, 2.0], (10, 1))
+    level = Coupling("right1", (("hip", -1.0), ("torso", -1.0)), 0.1)
+    robot = replace(cell.robot, couplings=(level,), limits=limits)
+    cell = replace(
+        cell,
+        robot=robot,
+        instruments=(Tracker(sigma=2e-5),),
+        effects=("base", "tool", "joint_offset"),
+    )
+    assert (np.abs(robot.sobol(50)) <= 2.0).all()
+    q = doe.design(cell, poses=10, candidates=200).poses.q
+    np.testing.assert_allclose(q[:, 2], 0.1 - q[:, 0] - q[:, 1], atol=1e-9)
+    assert (np.abs(q) <= 2.0 + 1e-9).all()
+
+
+def test_sight_is_that_of_mujoco(arm: tuple[Cell, Scene, mujoco.MjModel]) -> None:
+    """Rays of MuJoCo from the instrument to the markers, shape by shape."""
+    cell, scene, model = arm
+    geoms = [*capsule_geoms(scene, model), model.geom("box").id, model.geom("ball").id]
+    tip = model.body("tool").id
+    expected = np.ones((len(scene), len(cell.markers)), dtype=bool)
+    for n, data in enumerate(configurations(scene, model)):
+        turn = data.xmat[tip].reshape(3, 3)
+        for j, marker in enumerate(cell.markers @ turn.T + data.xpos[tip]):
+            np.testing.assert_allclose(scene.markers[n, j], marker, atol=1e-9)
+            for g in geoms:
+                shape = (data.geom_xpos[g], data.geom_xmat[g], model.geom_size[g])
+                kind = model.geom_type[g]
+                beam = marker - cell.instrument
+                met = mujoco.mju_rayGeom(*shape, cell.instrument, beam, kind, None)
+                # A capsule that holds the marker does not hide it.
+                x = (marker - shape[0]) @ shape[1].reshape(3, 3)
+                x[2] -= np.clip(x[2], -shape[2][1], shape[2][1])
+                inside = kind == CAPSULE and np.linalg.norm(x) <= shape[2][0]
+                expected[n, j] &= not (0.0 <= met <= 1.0) or inside
+    np.testing.assert_array_equal(visible(scene), expected)
+    assert 0.05 < expected.mean() < 0.95
+
+
+def test_marker_in_the_capsule_of_the_tool() -> None:
+    """Markers on the skin of the tool and in it are seen, one behind it is not."""
+    tool = Capsule((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), 0.1)
+    cell = planar(
+        2,
+        shapes=Shapes({"tool": (tool,)}),
+        instruments=read_by(stands=np.array([2.1, 5.0, 0.0])),
+        markers=np.array([[0.1, -0.1, 0.0], [0.1, 0.0, 0.0], [0.1, -0.11, 0.0], [0.1, 0.11, 0.0]]),
+    )
+    assert sees(cell, (0, 0)) == [[True, True, False, True]]
+
+
+def test_marker_turned_away() -> None:
+    """Normals along x of the tip; an acceptance of 30 degrees, none given, and no normal."""
+    cell = planar(
+        2,
+        instruments=read_by(stands=np.array([1e6, 0.0, 0.0])),
+        markers=np.zeros((3, 3)),
+    )
+    cell = replace(
+        cell,
+        marker_normals=np.array([[1.0, 0, 0], [1.0, 0, 0], [np.nan] * 3]),
+        marker_acceptance=np.array([np.radians(30.0), np.nan, np.radians(1.0)]),
+    )
+    assert sees(cell, (0, 0), (29.9, 0), (0, -30.1), (89.9, 0), (50, 40.1), (180, 0)) == [
+        [True, True, True],
+        [True, True, True],
+        [False, True, True],
+        [False, True, True],
+        [False, False, True],
+        [False, False, True],
+    ]
+
+
+def test_obstacles_in_the_line_of_sight() -> None:
+    """A box and a ball hide what lies behind them, a half-space and what holds the instrument not."""
+    box = {
+        "type": "box",
+        "center_mm": (3500, 0, 0),
+        "size_mm": (100, 200, 800),
+        "rpy_deg": (0, 0, 0),
+    }
+    ball = {"type": "sphere", "center_mm": (3500, 0, 0), "radius_mm": 100}
+    floor = {"type": "halfspace", "point_mm": (0, 0, -100), "normal": (0, 0, -1)}
+    cell = planar(2, instruments=read_by(stands=np.array([5.0, 0.0, -0.3])))
+    for obstacle, hidden in ((box, True), (ball, True), (floor, False)):
+        scene = designed(cell, obstacle=[obstacle])
+        assert sees(scene, (0, 0), (90, 0)) == [[not hidden], [True]], obstacle["type"]
+    stand = dict(box, center_mm=(5000, 0, 0))
+    assert sees(designed(cell, obstacle=[stand]), (0, 0)) == [[True]]
+
+
+def test_all_are_seen_without_instrument() -> None:
+    cell = replace(shaped(1), instruments=read_by())
+    q = np.random.default_rng(2).uniform(-3.0, 3.0, (50, 5))
+    assert visible(scene_of(cell, q)).all()
+    hidden = replace(cell, instruments=read_by(stands=np.array([3.0, 1.0, 0.5])))
+    assert not visible(scene_of(hidden, q)).all()

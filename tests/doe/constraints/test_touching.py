@@ -1,4 +1,4 @@
-"""What is touched: poses that meet it, and fits that scatter as foreseen.
+"""What is touched: poses that meet it, fits that scatter as foreseen, and half a plan of it.
 
 The truth is plain numpy: a chain, contacts and noise that share no code with planner or estimator.
 """
@@ -9,29 +9,49 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import calib
 import doe
 from calib import Cell
 from calib.arrays import Array
+from calib.cell import Repeatability
 from calib.instruments import Distance, Instrument, KnownDistance, Plane, Socket
 from calib.instruments.plane import place_of
 from calib.poses import poses_at
 from doe.constraints import scene_of, visible
+from doe.forecast.enough import enough
+from doe.forecast.foresee import foresee
 from studies.compare.experiment import POINTS, experiment_of, predict
-from tests.calib.instruments.test_slot import OFF, TRUE, arm, points_of
 from tests.helpers import all_seen, cell_of
+from tests.touched_arm import OFF, TRUE, arm, points_of
 
 ONE = np.array([[0.10, 0.02, -0.05]])
+
+
 SIGMA = 2e-5
+
+
 LIMITS = np.tile([-2.0, 2.0], (4, 1))
+
+
 MIDDLE = np.array([0.3, -0.2, 0.4])
+
+
 NORMAL = np.array([0.2, -0.3, 0.9])
+
+
 SITES = points_of(
     arm(), np.array([[0.4, -0.5, 0.6, 0.2], [-0.6, 0.7, -0.3, 0.5]]), np.zeros(3), ONE
 )[:, 0]
+
+
 APART = float(np.sqrt(((SITES[0] - SITES[1]) ** 2).sum()))
+
+
 SOCKETS = Socket(name="a", sites=("a", "b"), sigma=SIGMA, standing=SITES)
+
+
 PLANE = Plane(name="table", sigma=SIGMA, standing=place_of(MIDDLE, NORMAL)[None])
 
 
@@ -95,8 +115,6 @@ def test_every_pose_touches_and_fits_scatter_as_foreseen(kind: str) -> None:
         at_own = [[p.id for p in result.model.parameters].index(ids[k]) for k in own]
         off = result.values[at_own] - TRUE
         statistics.append(off @ np.linalg.solve(cov[np.ix_(own, own)], off))
-    from scipy.stats import chi2
-
     assert 1e-3 < chi2.cdf(sum(statistics), 3 * len(statistics)) < 1.0 - 1e-3
 
 
@@ -137,3 +155,24 @@ def test_what_cannot_be_foreseen_or_reached_is_refused() -> None:
         experiment_of(cell_with(replace(SOCKETS, standing=None)), poses_at(touching("sockets")[0]))
     with pytest.raises(calib.CalibError, match="touches nothing to"):
         experiment_of(KINDS["plane"][0], poses_at(np.zeros((3, 4))))
+
+
+def test_half_a_plan_of_sockets_is_forecast_as_identifications_find_it() -> None:
+    """The length between them counts now, at the end, and in what a plan foresees."""
+    cell = replace(KINDS["sockets"][0], repeatability=Repeatability(0.0, 0.0))
+    q, site = touching("sockets")
+    names = [f"p{k:02d}" for k in range(len(q))]
+    touched = settled(q, site, to_socket, np.random.default_rng(0))
+    poses = poses_at(touched, site=np.array(["a", "b"])[site], names=names)
+    whole, plan = all_seen(poses, np.zeros((len(q), 1, 3))), poses_at(q, names=names)
+    half, end = whole.take(np.arange(7)), calib.identify(cell, whole)
+    answer = enough(cell, half, plan)
+    np.testing.assert_allclose(answer.steps[0].std, calib.identify(cell, half).std, rtol=1e-6)
+    assert answer.steps[-1].readings == len(whole)
+    assert not answer.steps[-1].open
+    np.testing.assert_allclose(answer.steps[-1].std, end.std, rtol=1e-3)
+    view = foresee(cell, plan)
+    own = view.known.independent[1][:, : len(view.values)]
+    std = np.sqrt(np.diag(np.linalg.inv(own.T @ own)))
+    moving = calib.identify(cell, whole.take(~view.waiting)).std
+    np.testing.assert_allclose(std, moving, rtol=0.01)

@@ -1,1 +1,0 @@
-"""DLR's humanoid Agile Justin: identified beside what is published, and days planned for it."""

@@ -1,0 +1,249 @@
+"""Cases as files, and their keys in the names and units of the answers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.research.sealed.draw import Case
+from studies.research.sealed.instruments import Fault, Sensed
+from studies.research.sealed.judge import SI, unit
+from studies.research.sealed.score import SENSED
+from studies.research.truth.causes import Cause, Foreign
+from studies.research.truth.conditions import PAIRED, Conditions
+from studies.research.truth.effects import HARMONICS, TUNED, is_outside
+from studies.research.truth.files import (
+    cell_of_reader,
+    cell_of_scene,
+    table_of_reader,
+    table_of_scene,
+    write_scene,
+)
+from studies.research.truth.scene import Scene
+
+LINES = 2.0
+"""Widths of a spectral line within which the cycles of a ripple count as found."""
+READINGS = 3.0
+"""Readings within which the moment of a step counts as found."""
+# What the answer parametrises in its way: the total or the change, the frame of the drift.
+_UNSCORED = ("stiffness_vs_angle", "gravity_sag", "tracker_drift")
+Entry = dict[str, Any]
+
+
+def write_case(folder: Path, case: Case) -> None:
+    """Write cell.toml, robot.urdf, measurements.csv and heldout.csv into a new folder."""
+    table = partial(table_of_scene, case.scene, case.noisy, case.seen)
+    write_scene(folder, case.scene, cell_of_scene(folder.name, case.scene), table)
+
+
+def write_sensed(folder: Path, case: Sensed) -> None:
+    """The same of a case that another instrument reads."""
+    table = partial(table_of_reader, case.scene, case.reader, case.rows, case.site)
+    write_scene(folder, case.scene, cell_of_reader(folder.name, case.scene.arm, case.reader), table)
+
+
+def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
+    """Everything that scoring needs."""
+    cause, conditions = case.cause, asdict(Conditions(known_geometry=True))
+    effects = []
+    if cause is not None:
+        where = cause.where if isinstance(cause, Fault) else (cause.where,)
+        effects.append(
+            {
+                "effect": cause.effect,
+                "where": where[0],
+                "places": list(where),
+                "twins": [f"{cause.effect}:{other}" for other in where[1:]],
+                "noncentrality": case.noncentrality,
+                "beside": case.noncentrality,
+                "parameters": _of_fault(cause) if isinstance(cause, Fault) else _values(cause),
+            }
+        )
+    return {
+        **_head(name, index, salt, case.family, case.scene),
+        "draw": SENSED,
+        "conditions": {**conditions, "rigid": [], "reader": case.kind},
+        "effects": effects,
+        "outside": None,
+        "noncentrality": case.noncentrality,
+        "floor_mm": case.reader.floor,  # px of a camera, as the answers have it
+        "outliers": [],
+    }
+
+
+def _head(name: str, index: int, salt: str, family: str, scene: Scene) -> Entry:
+    named = {"schema": 1, "salt": salt, "case": name, "index": index, "family": family}
+    return {**named, "robot": scene.arm.name}
+
+
+_OF_FAULT = {
+    "focal_scale": ("scale", "ppm"),
+    "board_scale": ("scale", "ppm"),
+    "focal_drift": ("rate", "ppm/h"),
+    "focal_expansion": ("growth", "ppm/K"),
+}
+
+
+def _of_fault(fault: Fault) -> list[Entry]:
+    """The parameter of a fault, where its value does not depend on where a clock or a frame begins."""
+    if fault.effect not in _OF_FAULT:
+        return []
+    name, shown = _OF_FAULT[fault.effect]
+    return [{"name": name, "value": fault.size / SI[shown], "unit": shown, "scored": True}]
+
+
+def _values(
+    cause: Cause, scored: bool = True, slides: bool = False, timed: bool = True
+) -> list[Entry]:
+    found = []
+    for name, value in cause.values.items():
+        shown = unit(cause.effect, name, slides, timed)
+        true = value * (1.0 if name in TUNED else cause.size) / SI[shown]
+        found.append({"name": name, "value": true, "unit": shown, "scored": scored})
+    return found
+
+
+def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
+    """Everything that scoring needs, and the truth for who wants to look."""
+    scene, held = case.scene, case.scene.session.held
+    noise = (case.noisy - case.clean)[held][case.seen[held]]
+    rigid = [joint for joint in scene.arm.soft if joint not in scene.modelled]
+    conditions = {**asdict(case.conditions), "rigid": rigid, "markers": len(scene.markers)}
+    drawn = zip(case.causes, case.noncentrality, case.beside, strict=True)
+    entries = [_entry(scene, *one) for one in drawn]
+    for entry in entries[len(entries) - case.background :]:
+        entry["background"] = True
+    outside = case.family == "outside"
+    floor = _floor(case)
+    key: Entry = {
+        **_head(name, index, salt, case.family, scene),
+        "conditions": conditions,
+        "effects": entries[1:] if outside else entries,
+        "outside": entries[0] if outside else None,
+        "noncentrality": case.together,
+        "displacement_rms_mm": case.moved * 1e3,
+        "sigma_mm": scene.noise.sigma * 1e3,
+        "believed_sigma_mm": scene.believed.sigma * 1e3,
+        "noise_mm": {name: value * 1e3 for name, value in asdict(scene.noise).items()},
+        "floor_mm": floor * 1e3,
+        "heldout_noise_rms_mm": float(np.sqrt(np.mean(np.sum(noise**2, axis=-1)))) * 1e3,
+        "outliers": list(case.outliers),
+        "truth": {
+            "compliance_urad_per_Nm": dict(
+                zip(scene.arm.names, (scene.compliance * 1e6).tolist(), strict=True)
+            ),
+            "geometry_m_rad": scene.geometry.tolist(),
+            "markers_mm": (scene.markers * 1e3).tolist(),
+        },
+    }
+    if case.conditions.visit != PAIRED:
+        key["draw"] = "real arms"
+        key["reachable_mm"] = float(np.hypot(floor, np.sqrt(case.excess or 0.0))) * 1e3
+    if scene.scatter is not None:
+        conditions["arm_noise"] = "said" if scene.repeatability else "unsaid"
+        key["arm_noise"] = _arm_noise(case)
+    return key
+
+
+def _floor(case: Case) -> float:
+    """3-D RMS of held-out readings beside a perfect model, m: nothing foretells where an arm stops."""
+    scene, held = case.scene, case.scene.session.held
+    instrument = scene.noise.rms(case.clean[held], case.seen[held])
+    if scene.scatter is None:
+        return instrument
+    squares = scene.scatter.squares(scene.arm, case.state)[held][case.seen[held]]
+    return float(np.sqrt(instrument**2 + np.mean(squares)))
+
+
+def _arm_noise(case: Case) -> Entry:
+    """The arm's scatter: standard deviations of its joints or its tip, rad and m."""
+    scene, scatter = case.scene, case.scene.scatter
+    assert scatter is not None  # noqa: S101
+    place, turn = scatter.repeatability(scene.arm, case.state)
+    return {
+        "in": "joints" if scatter.joints.any() else "tip",
+        "joints_rad_m": scatter.joints.tolist(),
+        "tip_m_rad": scatter.tip.tolist(),
+        "rms_mm": float(np.sqrt(np.mean(scatter.squares(scene.arm, case.state)))) * 1e3,
+        "repeatability_mm": place * 1e3,
+        "repeatability_urad": turn * 1e6,
+    }
+
+
+def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> Entry:
+    entry: Entry = {
+        "effect": cause.effect,
+        "where": cause.where,
+        "places": _places(scene, cause),
+        "noncentrality": alone,
+        "beside": beside,
+        "parameters": [],
+    }
+    if is_outside(cause.effect):
+        entry["size"] = {n: v * cause.size for n, v in cause.values.items()}
+        return entry
+    if cause.shape is not None:
+        entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
+    if isinstance(cause, Foreign) and cause.alike:
+        entry["alike"] = list(cause.alike)
+    if cause.effect == "friction_windup":
+        entry["twins"] = [f"backlash:{cause.where}"]  # both follow the approach alone
+    entry |= _tuning(scene, cause)
+    slides = cause.where in scene.arm.names and cause.where not in scene.arm.turning
+    scored = cause.effect not in _UNSCORED and cause.scored
+    whole = Cause(cause.effect, cause.where, {**_absent(scene, cause), **cause.values}, cause.size)
+    entry["parameters"] = _values(whole, scored, slides, "time" in scene.columns)
+    return entry
+
+
+def _tuning(scene: Scene, cause: Cause) -> Entry:
+    """The tolerance of the tuned parameter, and what the data leave open of it.
+
+    A line is 2 pi / range of the joint wide, in cycles a turn; between two readings a step may have
+    been at any moment.
+    """
+    clock = scene.fitted_clock
+    if cause.effect == "gear_ripple":
+        q = scene.joint(cause.where)[~scene.session.held]
+        wide = LINES * 2.0 * np.pi / float(np.ptp(q))
+        return {"tuned": _near(cause, "cycles", "1/turn", wide)}
+    if cause.effect == "step":
+        at, pace = cause.values["at"], float(clock[-1]) / (len(clock) - 1)
+        gap = (float(clock[clock < at].max()), float(clock[clock >= at].min()))
+        shown = "s" if "time" in scene.columns else "readings"
+        return {"tuned": _near(cause, "at", shown, READINGS * pace), "between": {"at": gap}}
+    return {}
+
+
+def _near(cause: Cause, name: str, shown: str, tolerance: float) -> Entry:
+    return {"name": name, "value": cause.values[name], "unit": shown, "tolerance": tolerance}
+
+
+def _absent(scene: Scene, cause: Cause) -> dict[str, float]:
+    """Parameters of the effect that are truly zero: an interval should hold that too."""
+    if cause.effect == "transmission_harmonic":
+        return dict.fromkeys(HARMONICS, 0.0)
+    if cause.effect == "joint_coupling":
+        return {f"from_{name}": 0.0 for name in scene.arm.turning if name != cause.where}
+    return {"per_move": 0.0, "per_speed": 0.0} if cause.effect == "settling" else {}
+
+
+def _places(scene: Scene, cause: Cause) -> list[str]:
+    """Names under which the place is right: moving base and moving instrument are one and the same."""
+    where, moving = cause.where, ["base", "instrument"]
+    if cause.effect in ("base_drift", "tracker_drift", "settling_base", "random_walk"):
+        return moving
+    if cause.effect in ("warm_up", "step") and where in moving:
+        return moving
+    if cause.effect == "two_jumps":
+        return [where, *moving]
+    if cause.effect == "cable_force":  # it bends the drives, and is a load: all of these say so
+        return ["payload", "tool", "arm", *scene.modelled]
+    upright = scene.arm.turning[0]
+    if cause.effect in ("base_compliance", "bearing_compliance") and where in ("base", upright):
+        return ["base", upright]  # its bearing tilts as the base does
+    return [where]

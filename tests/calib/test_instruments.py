@@ -1,0 +1,429 @@
+"""Instruments that touch, measure lengths or read whole poses: places, ranks, scatter, tables.
+
+The truth is plain numpy: a chain, surfaces, contacts and frames that share no code with the estimator.
+A contact is made by moving the joints until the marker is where it belongs, its noise aside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell, Measurements
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.effects.protocol import Effect
+from calib.files.write_tables import measurements_csv
+from calib.instruments import Distance, Instrument, KnownDistance, Plane, Pose, Socket, Tracker
+from calib.instruments.riding import corners_of
+from calib.model.build import build
+from calib.model.covariance import errors_at
+from calib.noise import Noise
+from calib.poses import poses_at
+from tests import touched_arm as touched
+from tests.helpers import all_seen, cell_of, central_difference, random_robot
+from tests.plain_arm import frame, rotation, tips
+from tests.touched_arm import MARKERS, OFFSETS, SITES, TRUE, arm, drawn, measured, points_of, slopes
+
+SIGMA, BAR, SHORT = 2e-5, 2e-5, 5e-6
+_TRIALS = 6
+ANCHOR = np.array([0.9, -1.4, 0.6])
+CENTRE = np.array([0.7, -0.5, 0.4])
+OFFSET_NAMES = [f"joint_offset:{j}.offset" for j in OFFSETS]
+LASER = Tracker(name="laser", noise=Noise.isotropic(BAR))
+
+
+# -- Sockets, distances and planes
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """An instrument, its true place, and its reading of points (m, 3) at site (m,), by hand.
+
+    touched : whether the reading is made zero by moving the arm
+    """
+
+    instrument: Instrument
+    place: Array
+    reading: Callable[[Array, Array, Array], Array]
+    touched: bool = False
+    sites: tuple[str, ...] = ()
+
+    def parts(self, theta: Array, q: Array, site: Array) -> Array:
+        """Readings (m, r) by offsets and place."""
+        return self.reading(points_of(arm(), q, theta[:3], MARKERS[:1])[:, 0], theta[3:], site)
+
+
+def socket(p: Array, place: Array, site: Array) -> Array:
+    return p - place.reshape(-1, 3)[site]
+
+
+def distance(p: Array, place: Array, site: Array) -> Array:
+    return (touched.length(p - place[:3]) + (place[3] if len(place) > 3 else 0.0))[:, None]
+
+
+def known_anchor(p: Array, place: Array, site: Array) -> Array:
+    return (touched.length(p - CENTRE) + place[0])[:, None]
+
+
+def plane(p: Array, place: Array, site: Array) -> Array:
+    """Its normal is the vertical turned about a horizontal axis."""
+    angle = np.hypot(*place[:2])
+    x, y = place[:2] / angle
+    normal = np.array([y * np.sin(angle), -x * np.sin(angle), np.cos(angle)])
+    return (p @ normal - place[2])[:, None]
+
+
+FLAT = np.array([0.3, -0.4, 0.35])
+WIRE = {"name": "own", "sigma": SIGMA}
+KINDS = {
+    "distance": Kind(Distance(**WIRE), CENTRE, distance),
+    "distance with offset": Kind(Distance(**WIRE, offset=True), np.append(CENTRE, -0.2), distance),
+    "distance from a known anchor": Kind(
+        Distance(**WIRE, anchor=CENTRE, known=True, offset=True), np.array([0.1]), known_anchor
+    ),
+    "gauge over a plane": Kind(Plane(**WIRE), FLAT, plane),
+    "plane": Kind(Plane(**WIRE), FLAT, plane, touched=True),
+    "sockets": Kind(
+        Socket(name="a", sigma=SIGMA, sites=("a", "b")),
+        np.array([0.5, 0.2, 0.6, -0.4, 0.3, 0.2]), socket, touched=True, sites=("a", "b"),
+    ),
+}  # fmt: skip
+
+
+def reached(kind: Kind, theta: Array, count: int) -> tuple[Array, Array]:
+    """Joints (count, 4) at which the readings are zero, and sites (count,)."""
+    q = drawn((10 if kind.sites else 4) * count, 5)
+    site = np.arange(len(q)) % max(1, len(kind.sites))
+    q, met = touched.led_to(q, lambda q: kind.parts(theta, q, site))
+    there = np.flatnonzero(met)[:count]
+    assert len(there) == count
+    return q[there], site[there]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_covariance_rank_and_refits(name: str) -> None:
+    """Found without a guess, of full rank; errors scatter as the information by hand says."""
+    kind, m = KINDS[name], 16
+    theta, rng, squared = np.concatenate([TRUE, kind.place]), np.random.default_rng(1), 0.0
+    q, site = reached(kind, theta, m) if kind.touched else (drawn(m, 0), np.zeros(m, dtype=int))
+    gain = touched.followed(q, lambda q: kind.parts(theta, q, site))
+    J = slopes(lambda t: kind.parts(t, q, site), theta) / SIGMA
+    expected = np.linalg.inv(J.T @ J)
+    cell = replace(touched.cell_with(kind.instrument), markers=MARKERS[:1], marker_names=("m1",))
+    exact = kind.parts(theta, q, site)
+    sites = {"site": np.array(kind.sites)[site]} if kind.sites else {}
+    for _ in range(_TRIALS):
+        noise = SIGMA * rng.standard_normal(exact.shape)
+        if kind.touched:  # the arm is elsewhere, and what is read is nothing
+            read = q + (gain @ noise[..., None])[..., 0], np.zeros_like(exact)
+        else:
+            read = q, exact + noise
+        found = calib.identify(cell, measured(read[0], read[1][:, None], **sites))
+        at = touched.positions(found, *OFFSET_NAMES)
+        at += [i for i, p in enumerate(found.model.parameters) if p.effect == "base"]
+        assert found.status == "converged"
+        assert found.rank == len(theta) == len(found.values)
+        error = found.values[at] - theta
+        squared += error @ np.linalg.solve(expected, error)
+        stated = found.std[at] / found.noise.factor
+        np.testing.assert_allclose(stated, np.sqrt(np.diag(expected)), rtol=0.05)
+    # Chi-square, four standard deviations.
+    dof = float(_TRIALS * len(theta))
+    assert squared == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof))
+
+
+def test_derivatives_of_a_known_distance() -> None:
+    """Between two markers that are free."""
+    cell = touched.cell_with(
+        KINDS["plane"].instrument, effects=("base", "tool", "joint_offset:j2,j3")
+    )
+    cell = replace(cell, known_distances=(KnownDistance(("m1", "m2"), 0.1, 1e-5),))
+    model = build(cell, poses_at(drawn(6, 4))).model
+    values = np.random.default_rng(3).normal(size=len(model.parameters)) * 10.0 * model.sizes
+    _, by_known = model.prior_residuals(values)
+    numeric = central_difference(lambda v: -model.prior_residuals(v)[0], values, 0.1 * model.sizes)
+    np.testing.assert_allclose(by_known, numeric, rtol=1e-6, atol=1e-6 * np.abs(by_known).max())
+
+
+def test_scale_from_a_known_distance() -> None:
+    """One pair a known way apart tells how large the arm is; without one it stays as in the model."""
+    robot = random_robot(np.random.default_rng(12), 6)
+    data, centres = touched.contacts_of_a_larger_arm(robot)
+    assert len(data) > 60
+    cell = cell_of(robot, MARKERS[:1] + np.array([0.08, -0.05, 0.06]), ("tool", "geometry"))
+    cell = replace(cell, instruments=(Socket(name="a", sigma=SIGMA, sites=SITES),))
+    bar = KnownDistance(("a", "b"), float(touched.length(centres[0] - centres[1])), 1e-6)
+
+    def between_c_and_d(found: calib.Identification) -> float:
+        c, d = (
+            found.values[touched.positions(found, *(f"base:{s}.{x}" for x in "xyz"))] for s in "cd"
+        )
+        return float(touched.length(c - d))
+
+    truth = float(touched.length(centres[2] - centres[3]))
+    found = calib.identify(replace(cell, known_distances=(bar,)), data)
+    assert found.rms("fitted") == pytest.approx(0.0, abs=1e-7)
+    assert between_c_and_d(found) == pytest.approx(truth, abs=2e-6)
+    assert not any("no touched.length" in text for text in found.warnings)
+    without = calib.identify(cell, data)
+    assert without.rms("fitted") == pytest.approx(0.0, abs=1e-7)
+    assert any("no touched.length is measured" in text for text in without.warnings)
+    assert len(without.values) == len(found.values) - 1
+    assert abs(between_c_and_d(without) / truth - 1.0) < 0.01
+
+
+# -- A second instrument beside a tracker
+
+
+def distances(theta: Array, q: Array) -> Array:
+    """Distances (m, M) by offsets and anchor."""
+    return touched.length(points_of(arm(), q, theta[:3]) - theta[3:6])
+
+
+def test_beside_a_tracker_information_adds() -> None:
+    """Half of the poses are read by the tracker, half by the bar, some by both."""
+    q, theta = drawn(24, 2), np.concatenate([TRUE, ANCHOR, [0.3, -2.0, 0.8, 0.4, -1.1, 0.7]])
+    by_laser, by_bar = np.arange(24) < 14, np.arange(24) >= 10
+
+    def laser(t: Array) -> Array:
+        return points_of(arm(), q[by_laser], t[:3]) @ rotation(t[9:]).T + t[6:9]
+
+    def bar(t: Array) -> Array:
+        return distances(t, q[by_bar])
+
+    J = np.concatenate([slopes(laser, theta) / BAR, slopes(bar, theta) / SHORT])
+    expected = np.linalg.inv(J.T @ J)
+    readings, seen = np.zeros((24, 4, 3)), np.zeros((24, 4), dtype=bool)
+    seen[by_laser, :2], seen[by_bar, 2:] = True, True
+    cell = touched.cell_with(LASER, Distance(name="bar", sigma=SHORT))
+    places = [f"base:bar.{c}" for c in "xyz"]
+    places += [f"base:base.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
+    rng, squared = np.random.default_rng(3), 0.0
+    for _ in range(12):
+        points, lengths = laser(theta), bar(theta)
+        readings[by_laser, :2] = points + BAR * rng.standard_normal(points.shape)
+        readings[by_bar, 2:, 0] = lengths + SHORT * rng.standard_normal(lengths.shape)
+        found = calib.identify(cell, measured(q, readings, seen))
+        at = touched.positions(found, *OFFSET_NAMES, *places)
+        assert found.dof == 3 * 28 + 28 - 12
+        error = found.values[at] - theta
+        squared += error @ np.linalg.solve(expected, error)
+        std = np.sqrt(np.diag(expected))
+        np.testing.assert_allclose(found.std[at] / found.noise.factor, std, rtol=0.03)
+    assert squared == pytest.approx(144.0, abs=4.0 * np.sqrt(288.0))
+
+
+def test_rows_of_two_instruments_go_through_a_table(tmp_path: Path) -> None:
+    """By the column ``instrument``; what does not apply is empty."""
+    q, cell = drawn(5, 6), touched.cell_with(LASER, Distance(name="bar", markers=(1,)))
+    readings, seen = np.zeros((5, 3, 3)), np.ones((5, 3), dtype=bool)
+    readings[:, :2] = points_of(arm(), q, TRUE)
+    readings[:, 2, 0] = distances(np.concatenate([TRUE, ANCHOR]), q)[:, 1]
+    seen[3, 0] = seen[1, 2] = False
+    data = measured(q, readings, seen)
+    text = measurements_csv(cell, data)
+    assert text.splitlines()[0].endswith("x_mm,y_mm,z_mm,d_mm")
+    (tmp_path / "m.csv").write_text(text)
+    back = calib.load_measurements(cell, tmp_path / "m.csv")
+    np.testing.assert_array_equal(back.seen, seen)
+    np.testing.assert_allclose(back.readings, data.readings, atol=6e-9)
+    for old, new, said in (
+        (",bar,", ",rod,", "'rod' is not in the cell; instruments are laser, bar"),
+        ("m2,bar,", "m1,bar,", "is nothing that instrument 'bar' reads"),
+    ):
+        refused(cell, text.replace(old, new, 1), said, tmp_path)
+
+
+def refused(cell: Cell, table: str, said: str, folder: Path) -> None:
+    (folder / "bad.csv").write_text(table)
+    with pytest.raises(calib.CalibError, match=said):
+        calib.load_measurements(cell, folder / "bad.csv")
+
+
+def test_accuracy_at_targets_counts_points() -> None:
+    """Whatever reads, the error expected of a target is that of its points."""
+    targets = poses_at(drawn(3, 9))
+    model = build(touched.cell_with(Distance(name="bar")), targets).model
+    at = model.where(Effect)
+    own = [i for i in at if model.parameters[i].effect == "joint_offset"]
+    cov = np.zeros((len(at), len(at)))
+    cov[own, own] = 1e-8
+    errors = errors_at(model, model.initial, cov, targets)
+    moved = slopes(lambda t: points_of(arm(), targets.q, t, np.zeros((1, 3))), np.zeros(3))
+    expected = 1e-4 * np.sqrt((moved.reshape(3, -1) ** 2).sum(axis=1))
+    np.testing.assert_allclose(errors, expected, rtol=1e-6)
+
+
+# -- Whole poses: places and bodies without a guess, ranks, tables
+
+STD = np.repeat([2e-4, 5e-4], 3)  # m, rad
+MIXED = np.eye(6) + 0.3 * np.array([[(-1.0) ** (i + j) for j in range(6)] for i in range(6)])
+COVARIANCE = MIXED * np.outer(STD, STD)
+ARM = "joint_offset:j2,j3"  # that of the last joint is the body's
+
+
+def seen_from(q: Array, Y: Array, X: Array) -> Array:
+    """A body at X as an instrument at Y reads it."""
+    return np.asarray(frame(Y) @ tips(arm(), q + np.array([0.0, *TRUE[:2], 0.0])) @ frame(X))
+
+
+def rows(T: Array) -> Array:
+    """As the instrument has them: origin and two axes."""
+    return np.concatenate([T[:, :3, 3], T[:, :3, 0], T[:, :3, 1]], axis=1)[:, None]
+
+
+def eye(bodies: int = 1) -> Pose:
+    read = tuple(range(3 * bodies))
+    return Pose(name="eye", markers=read, noise=Noise.isotropic(2e-4), covariance=COVARIANCE)
+
+
+def with_bodies(
+    robot: Robot | None = None, effects: tuple[str, ...] = ("base", "tool", ARM), bodies: int = 1
+) -> Cell:
+    """Bodies guessed at the tip's frame."""
+    names = [f"body{b}" for b in range(bodies)]
+    corners = np.concatenate([corners_of(np.eye(3), np.zeros(3)) for _ in names])
+    return replace(
+        cell_of(arm() if robot is None else robot, corners, effects),
+        marker_names=tuple(n + end for n in names for end in ("", ":x", ":y")),
+        bodies={name: slice(3 * b, 3 * b + 3) for b, name in enumerate(names)},
+        instruments=(eye(bodies),),
+    )
+
+
+def of_bodies(q: Array, *T: Array) -> Measurements:
+    return all_seen(poses_at(q), np.concatenate([rows(t) for t in T], axis=1))
+
+
+def anywhere(rng: np.random.Generator) -> Array:
+    """A frame that stands and is turned anyhow."""
+    axis = rng.normal(size=3)
+    turned = rng.uniform(0.1, 3.1) * axis / np.linalg.norm(axis)
+    return np.concatenate([rng.uniform(-2.0, 2.0, 3), turned])
+
+
+def assert_offsets(found: calib.Identification) -> None:
+    at = touched.positions(found, *OFFSET_NAMES[:2])
+    np.testing.assert_allclose(found.values[at], TRUE[:2], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_place_and_body_without_a_guess(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    Y, X, q = anywhere(rng), anywhere(rng), drawn(12, seed)
+    found = calib.identify(with_bodies(), of_bodies(q, seen_from(q, Y, X)))
+    assert_offsets(found)
+    ((_, (p, r)),) = found.model.instruments[0].bodies(found.marker_positions)
+    np.testing.assert_allclose(frame(np.concatenate([p, r])), frame(X), atol=1e-9)
+    np.testing.assert_allclose(frame(found.bases["base"]), frame(Y), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_axes_that_are_all_parallel(seed: int) -> None:
+    """They leave a shift along them open between place and body; the poses are met all the same."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, 3)
+    origins = robot.origins.copy()
+    origins[1:3, :3, :3] = np.eye(3)
+    robot = replace(robot, axes=np.tile([0.0, 0.0, 1.0], (3, 1)), origins=origins)
+    q = rng.uniform(-2.0, 2.0, (15, 3))
+    T = frame(anywhere(rng)) @ tips(robot, q) @ frame(anywhere(rng))
+    found = calib.identify(with_bodies(robot, ("base", "tool")), of_bodies(q, T))
+    assert len(found.values) == 11
+    assert found.distances["fitted_all"].max() < 1e-8
+    assert found.by_instrument["eye", "mrad"]["fitted_all"] < 1e-5
+
+
+def test_two_bodies_and_a_known_one() -> None:
+    """Without the tool in the model the body sits where the cell says."""
+    rng, q = np.random.default_rng(3), drawn(10, 3)
+    Y, X = anywhere(rng), (anywhere(rng), anywhere(rng))
+    T = [seen_from(q, Y, x) for x in X]
+    assert_offsets(calib.identify(with_bodies(bodies=2), of_bodies(q, *T)))
+    known = with_bodies(effects=("base", ARM))
+    known = replace(known, markers=corners_of(frame(X[0])[:3, :3], X[0][:3]))
+    found = calib.identify(known, of_bodies(q, T[0]))
+    assert len(found.values) == 8
+    np.testing.assert_allclose(frame(found.bases["base"]), frame(Y), atol=1e-9)
+
+
+@pytest.mark.parametrize(("dof", "prismatic"), [(2, ()), (4, (1,)), (6, ()), (7, ())])
+def test_rank_of_a_generic_chain(dof: int, prismatic: tuple[int, ...]) -> None:
+    """Whole poses see four constants a joint that turns, two a joint that slides, and six."""
+    robot = random_robot(np.random.default_rng(dof), dof, prismatic)
+    built = build(with_bodies(robot, ("base", "tool", "geometry")))
+    assert len(built.model.parameters) == 4 * dof - 2 * len(prismatic) + 6
+
+
+def test_quaternions_go_through_a_table(tmp_path: Path) -> None:
+    """Of either sign; what is none is refused."""
+    rng, q = np.random.default_rng(2), drawn(40, 6)
+    T = seen_from(q, anywhere(rng), anywhere(rng))
+    plain = np.trace(T[:, :3, :3], axis1=1, axis2=2) > -0.5
+    q, T, cell = q[plain], T[plain], with_bodies()
+    R = T[:, :3, :3]
+    w = np.sqrt(1.0 + np.trace(R, axis1=1, axis2=2)) / 2.0
+    odd = [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]
+    expected = np.column_stack([1e3 * T[:, :3, 3], w, *(o / (4.0 * w) for o in odd)])
+    text = measurements_csv(cell, of_bodies(q, T))
+    header, *lines = text.splitlines()
+    assert header.endswith("x_mm,y_mm,z_mm,qw,qx,qy,qz")
+    cut = [line.split(",") for line in lines]
+    written = np.array([own[-7:] for own in cut], dtype=float)
+    np.testing.assert_allclose(written, expected, atol=1e-5)
+    signs = [",".join([*own[:-4], *(f"{-float(v)}" for v in own[-4:])]) for own in cut]
+    (tmp_path / "m.csv").write_text("\n".join([header, *signs]) + "\n")
+    back = calib.load_measurements(cell, tmp_path / "m.csv")
+    np.testing.assert_allclose(back.readings, rows(T), atol=2e-8)
+    long = ",".join([*cut[0][:-4], "1.0", "1.0", "0.0", "0.0"])
+    for old, new, said in (
+        (lines[0], long, "line 2, column qw: .* a quaternion has a touched.length of one"),
+        (",qz", ",qq", "column qz is missing"),
+        ("body0,", "body0:x,", r"'body0:x' is not in the cell's \[markers_mm\] or \[bodies\]"),
+    ):
+        refused(cell, text.replace(old, new, 1), said, tmp_path)
+
+
+def test_a_deviation_of_its_own_scales_the_covariance() -> None:
+    """A reading said to be three times worse counts a ninth."""
+    pose, place = eye(), np.zeros(6)
+    row = rows(frame(anywhere(np.random.default_rng(1)))[None])
+    usual = pose.whitening(place, row, np.array([[np.nan]]))
+    size = float(np.sqrt(np.trace(COVARIANCE[:3, :3]) / 3.0))
+    np.testing.assert_allclose(pose.whitening(place, row, np.array([[3.0 * size]])), usual / 3.0)
+
+
+def test_approach_pose_is_for_points() -> None:
+    q = drawn(12, 1)
+    data = of_bodies(q, seen_from(q, np.zeros(6), np.zeros(6)))
+    with pytest.raises(calib.CalibError, match="use approach points"):
+        calib.identify(with_bodies(), data, approach="pose")
+
+
+HELD_OUT = {
+    "fr3_eye_in_hand": (1.6, 4.2), "positioner_poses": (0.44, 1.0), "iiwa7_torque": (0.70, 4.0)
+}  # fmt: skip
+NOMINAL = {"fr3_eye_in_hand": (4.54, 12.1), "positioner_poses": (0.458, 0.98)}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", list(HELD_OUT))
+def test_real_poses(data: Path, name: str) -> None:
+    cell = calib.load_cell(data / name / "cell.toml")
+    table = calib.load_measurements(cell, data / name / "measurements.csv")
+    found = []
+    for seed in range(10):
+        kept, held = table.split(0.3, np.random.default_rng(seed))
+        result = calib.identify(cell, kept, heldout=held)
+        assert result.status == "converged"
+        found.append([rms["heldout"] for rms in result.by_instrument.values()])
+    assert (np.median(found, axis=0) <= HELD_OUT[name]).all()
+    if name in NOMINAL:
+        nominal = [rms["nominal"] for rms in calib.identify(cell, table).by_instrument.values()]
+        np.testing.assert_allclose(nominal, NOMINAL[name], rtol=0.01)

@@ -1,0 +1,394 @@
+"""Arms that come to a pose otherwise each time: what plans for them hold, and visits again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+import doe
+from calib import Cell, readings
+from calib.arm.se3 import skew
+from calib.arrays import Array
+from calib.cell import Load, Repeatability
+from calib.cell.planned import AskedLevels, Planned
+from calib.errors import CalibError
+from calib.files.cell import load_cell
+from calib.model import Model
+from calib.model.build import build
+from calib.poses import poses_at
+from calib.poses.moves import visits
+from calib.simulation import drawn_readings
+from doe.assess import assess
+from doe.information import Regressor
+from doe.order import durations, over_the_day, quickest_order, with_reapproaches
+from doe.plan import named
+from doe.problem import Problem, problem_of
+from doe.request import Request, request_of
+from studies.compare.experiment import POINTS, experiment_of, predict
+from studies.results.compare import compared
+from studies.results.design import DesignResult
+from tests.doe.problems import unpolished, visiting_again
+from tests.helpers import MADE_FROM, cell_of, first_markers, random_robot, with_effects
+from tests.studies.command_line import paper_cell, run
+
+ARM = Repeatability(3e-5, 5e-5)
+
+
+QUICK: dict[str, Any] = {"candidates": 300, "criterion": "D"}
+
+
+@pytest.fixture(scope="module")
+def rigid(kr270: Cell) -> Cell:
+    effects = ("base", "joint_offset", "joint_compliance:A2,A3")
+    return replace(with_effects(kr270, *effects), load=None, design=Planned())
+
+
+def some_markers(cell: Cell, count: int) -> Cell:
+    """The cell with so many markers, nothing known of where they face."""
+    markers = np.random.default_rng(5).uniform(-0.25, 0.25, (6, 3))[:count]
+    blank = np.full((count, 3), np.nan)
+    names = tuple(f"m{k}" for k in range(count))
+    return replace(
+        cell,
+        markers=markers,
+        marker_names=names,
+        marker_normals=blank,
+        marker_acceptance=blank[:, 0],
+    )
+
+
+def covariance_of(cell: Cell, model: Model, q: Array, arm: Repeatability, seen: Array) -> Array:
+    """Of the readings of one visit, marker by marker, by the geometry of a rigid tip alone."""
+    poses = readings(cell, poses_at(q[None]))
+    frames = model.state(np.zeros(len(model.parameters)), poses.take([0])).frames
+    arms = cell.markers[seen] @ frames.R[0, -1].T
+    one = np.concatenate([np.hstack([np.eye(3), -skew(a)]) for a in arms])
+    H = np.tile(one, (len(poses), 1))
+    U = np.repeat([arm.translation, arm.rotation], 3) ** 2
+    return np.asarray(np.eye(len(H)) * cell.noise.along**2 + (H * U) @ H.T)
+
+
+@pytest.mark.long
+def test_more_markers_stop_paying_and_more_poses_pay(rigid: Cell) -> None:
+    """From three markers to six: a third off the error without scatter, a tenth at most with it."""
+
+    def rms(markers: int, poses: int, arm: Repeatability | None) -> float:
+        cell = replace(some_markers(rigid, markers), repeatability=arm)
+        plan = unpolished(cell, poses=poses, candidates=300)
+        assert plan.efficiency > 0.85
+        return plan.assessment.task_rms
+
+    assert rms(6, 10, None) < 0.8 * rms(3, 10, None)
+    few = rms(3, 10, ARM)
+    assert 0.9 * few < rms(6, 10, ARM) < few
+    assert rms(3, 20, ARM) < 0.75 * few
+
+
+@pytest.mark.long
+def test_compare_predicts_what_design_promises(kr270: Cell) -> None:
+    """Free and loaded."""
+    cell = with_effects(kr270, "base", "tool", "joint_offset", "joint_compliance:A2,A3,A4")
+    cell = replace(cell, repeatability=ARM, design=Planned())
+    plan = unpolished(visiting_again(cell, 3), poses=12, candidates=300)
+    predicted = predict(experiment_of(cell, plan.poses), POINTS)
+    np.testing.assert_allclose(predicted.std, plan.assessment.std, rtol=1e-6)
+    (found,) = compared(cell, {"plan": plan.poses})
+    assert found.points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)
+
+
+def against_dense(problem: Problem, cell: Cell, q: Array, visible: Array) -> Array:
+    """The information of each pose, once it is that of the dense covariance of its readings."""
+    back = np.linalg.inv(problem.regressor.T)
+    found = problem.regressor.information(q, visible)
+    B = calib.observation(cell, q).reshape(len(q), -1, 3, 3, len(back))
+    for own, seen, rows, M in zip(q, visible, B, found, strict=True):
+        V = covariance_of(cell, problem.model, own, ARM, seen)
+        J = rows[:, seen].reshape(len(V), -1)
+        expected = J.T @ np.linalg.solve(V, J)
+        atol = 1e-9 * expected.max()
+        np.testing.assert_allclose(back.T @ M @ back, expected, rtol=1e-8, atol=atol)
+    return np.asarray(found)
+
+
+@pytest.mark.parametrize("loaded", [False, True], ids=["free", "free and loaded"])
+def test_information_is_that_of_readings_which_err_together(kr270: Cell, loaded: bool) -> None:
+    """Against the observation matrix and the dense covariance of a visit, a marker hidden."""
+    cell = with_effects(kr270, "base", "joint_offset", "joint_compliance:A2,A3")
+    cell = replace(cell, repeatability=ARM, load=cell.load if loaded else None, design=Planned())
+    q = np.random.default_rng(2).uniform(*cell.robot.sample_limits().T, (4, 6))
+    visible = np.array([[True] * 3, [True, False, True], [False, True, True], [True] * 3])
+    against_dense(problem_of(cell, Request(poses=8, criterion="D")), cell, q, visible)
+
+
+def test_readings_without_the_model_still_tell_of_the_approach(kr270: Cell) -> None:
+    """Known geometry, no weights: free readings hold nothing but what the approach was off by."""
+    cell = with_effects(kr270, "joint_compliance:A2,A3,A4,A5,A6")
+    robot = replace(cell.robot, masses=np.zeros(6))
+    cell = replace(cell, robot=robot, repeatability=ARM, design=Planned())
+    problem = problem_of(cell, Request(poses=6, criterion="D"))
+    q = np.random.default_rng(3).uniform(*robot.sample_limits().T, (2, 6))
+    found = against_dense(problem, cell, q, np.ones((2, 3), dtype=bool))
+    still = replace(cell, repeatability=None)
+    alone = Regressor.nominal(still, problem.model, problem.regressor.values)
+    ideal = replace(alone, T=problem.regressor.T).information(q)
+    assert (np.trace(found, axis1=1, axis2=2) < np.trace(ideal, axis1=1, axis2=2)).all()
+
+
+@pytest.mark.parametrize("criterion", ["task", "A", "D"])
+@pytest.mark.parametrize("scatters", [False, True], ids=["exact", "scatters"])
+def test_no_plan_is_above_the_bound(criterion: str, scatters: bool) -> None:
+    """Every plan of four of nine candidates; of an arm that repeats with one again, and all of five."""
+    rng = np.random.default_rng(4)
+    robot = random_robot(rng, 4)
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), ["base", "joint_compliance"])
+    arm = ARM if scatters else Repeatability(0.0, 0.0)
+    cell = replace(cell, repeatability=arm, load=Load(60.0, (0.1, 0.0, 0.1), np.pi))
+    table = poses_at(rng.uniform(*robot.sample_limits().T, (9, 4)))
+    again = 0 if scatters else 1
+    plan = doe.design(visiting_again(cell, again), poses=4, criterion=criterion, candidates=table)
+    T, seen, blocks = plan.problem.regressor.T, np.ones(3, dtype=bool), []
+    for own, rows in zip(table.q, calib.observation(cell, table), strict=True):
+        V = covariance_of(cell, plan.problem.model, own, arm, seen)
+        blocks.append(T.T @ rows.T @ np.linalg.solve(V, rows) @ T)
+    stops: list[tuple[int, ...]] = list(combinations(range(9), 4))
+    if again:
+        stops = [(*own, k) for own in stops for k in own] + list(combinations(range(9), 5))
+    value = plan.problem.criterion.plain.value
+    best = float(np.max(value(np.array([sum(blocks[i] for i in own) for own in stops]))))
+    chosen = [int(np.abs(table.q - q).max(axis=1).argmin()) for q in plan.poses.q]
+    assert plan.certificate.bound >= best * (1.0 - 1e-6)
+    assert plan.certificate.value == pytest.approx(
+        float(value(sum(blocks[i] for i in chosen))), rel=1e-6
+    )
+    if scatters:
+        assert plan.certificate.value == pytest.approx(best, rel=1e-6)
+        assert plan.efficiency > 0.9
+
+
+FEW: dict[str, Any] = QUICK | {"candidates": 250}
+
+
+SCATTER = Repeatability(4e-5, 2e-4)
+
+
+@pytest.fixture(scope="module")
+def cell(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, "base", "joint_offset"), load=None, design=Planned())
+
+
+@pytest.fixture(scope="module")
+def plain(cell: Cell) -> doe.Design:
+    return unpolished(cell, poses=9, **QUICK)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_second_visits_are_over_the_day_and_never_at_once(plain: doe.Design, count: int) -> None:
+    poses, found = with_reapproaches(plain.problem, plain.poses, count)
+    assert sorted(poses.names) == sorted((*plain.poses.names, *found.again))
+    assert found.again == tuple(f"{name}_again" for name in found.poses)
+    assert list(found.poses) == sorted(set(found.poses))
+    for name, again in zip(found.poses, found.again, strict=True):
+        first, second = poses.names.index(name), poses.names.index(again)
+        np.testing.assert_array_equal(poses.q[first], poses.q[second])
+        assert second > first + 1
+    assert len(np.unique(visits(poses))) == 9 + count
+
+
+def test_second_visits_lie_in_every_part_of_the_day_and_come_from_the_other_side(
+    cell: Cell,
+) -> None:
+    """More joints than in visits at the end of the day, for little way."""
+
+    def other_side(day: list[int]) -> float:
+        side = np.sign(np.diff(q[day], axis=0, prepend=q[day][:1]))
+        pairs = [np.flatnonzero(np.array(day) == pose) for pose in chosen]
+        return float(np.mean([side[a] * side[b] < 0.0 for a, b in pairs]))
+
+    figures = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        q = rng.uniform(*cell.robot.sample_limits().T, (24, 6))
+        q = q[quickest_order(cell, q)]
+        chosen = np.sort(rng.choice(23, 4, replace=False)).tolist()
+        at_end, spread = [*range(24), *chosen], over_the_day(cell, q, chosen)
+        assert sorted(spread) == sorted(at_end)
+        assert all(pose in chosen for pose in spread if spread.count(pose) == 2)
+        ways = [durations(cell, np.diff(q[day], axis=0)).sum() for day in (spread, at_end)]
+        figures.append((other_side(spread), other_side(at_end), ways[0] / ways[1]))
+        added, expected = [], 0
+        for k, pose in enumerate(spread):
+            added += [k] if pose != expected else []
+            expected += pose == expected
+        assert len({4 * k // len(spread) for k in added}) >= 3
+    spread_side, end_side, longer = np.mean(figures, axis=0)
+    assert spread_side > 0.45
+    assert spread_side > 1.4 * end_side
+    assert longer < 1.1
+
+
+def test_they_are_spread(plain: doe.Design) -> None:
+    """No two of four lie nearer than those of most fours that chance would take."""
+    _, found = with_reapproaches(plain.problem, plain.poses, 4)
+    low, high = plain.problem.cell.robot.sample_limits().T
+    at = plain.poses.q / (high - low)
+
+    def nearest(chosen: np.ndarray) -> float:
+        apart = np.abs(at[chosen][:, None] - at[chosen]).max(axis=-1)
+        return float(apart[np.triu_indices(len(chosen), 1)].min())
+
+    own = nearest(np.array([plain.poses.names.index(name) for name in found.poses]))
+    rng = np.random.default_rng(0)
+    chance = [nearest(rng.choice(8, 4, replace=False)) for _ in range(200)]
+    assert own > np.quantile(chance, 0.8)
+
+
+@pytest.mark.long
+def test_they_count_as_what_they_are(cell: Cell) -> None:
+    known = replace(cell, repeatability=SCATTER)
+    plan = unpolished(visiting_again(known, 4), poses=9, **QUICK)
+    once = [k for k, name in enumerate(plan.poses.names) if not name.endswith("_again")]
+    alone = assess(plan.problem, plan.poses.q[once])
+    assert (plan.assessment.std < alone.std).all()
+    assert (plan.assessment.std > alone.std / np.sqrt(2.0)).all()
+    assert alone.value < plan.value == pytest.approx(plan.assessment.value)
+    assert plan.value <= plan.bound
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("markers", "coordinates"), [(1, 3), (2, 5), (3, 6)])
+def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
+    cell: Cell, markers: int, coordinates: int
+) -> None:
+    few = first_markers(cell, markers)
+    found = unpolished(visiting_again(few, 4), poses=9, **QUICK).reapproaches
+    assert found is not None
+    assert found.dof == pytest.approx(4 * coordinates)
+    assert found.common == pytest.approx(1.0 / np.sqrt(8 * coordinates))
+    if markers < 3:
+        assert np.isnan([found.translation, found.rotation]).all()
+    else:
+        assert found.translation == pytest.approx(1.0 / np.sqrt(24.0))
+
+
+@pytest.mark.long
+def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
+    """Days of measurement, their levels estimated: the scatter of the estimate is what was stated."""
+    truth = replace(cell, repeatability=SCATTER)
+    plan = unpolished(visiting_again(truth, 8), poses=12, **QUICK)
+    assert plan.reapproaches is not None
+    model = build(cell, plan.poses).model
+    values, rng = np.zeros(len(model.parameters)), np.random.default_rng(11)
+    found = []
+    for _ in range(120):
+        data = drawn_readings(model, values, plan.poses, cell.noise, rng, arm=SCATTER)
+        result = calib.identify(cell, data)
+        assert result.levels is not None
+        assert result.scatter is not None
+        tip = result.scatter.of_tip(result.levels.variances.approach)
+        found.append(tip.translation / SCATTER.translation)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.12)
+    assert 0.6 < np.std(found) / plan.reapproaches.translation < 1.4
+
+
+@pytest.mark.long
+def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
+    path = paper_cell(tmp_path)
+    path.write_text(path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#"))
+    assert request_of(load_cell(path), poses=15).reapproaches == 4
+    done = run(
+        "design", path, "--poses", 15, "--candidates", 700, "--levels", "A2=5x3",
+        "--reapproach", 3, "--json", tmp_path / "best.json", "-o", tmp_path / "best.csv",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "15 poses and 3 repeat visits" in said
+    assert "They show the arm's repeatability to +-24 % (translation) and +-24 % (rotation)" in said
+    fields = json.loads((tmp_path / "best.json").read_text())
+    assert fields["reapproaches"]["dof"] == pytest.approx(18.0)
+    assert len(fields["poses"]) == 18
+    plan = calib.load_plan(load_cell(path), tmp_path / "best.csv")
+    assert set(fields["reapproaches"]["again"]) < set(plan.names)
+
+
+def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
+    with pytest.raises(CalibError, match="9 poses cannot be visited again: 8 of 9 can"):
+        with_reapproaches(plain.problem, plain.poses, 9)
+    with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
+        unpolished(visiting_again(cell, -1), poses=7, **QUICK)
+    assert DesignResult.of(plain, plain.problem.cell, MADE_FROM).reapproaches is None
+
+
+@pytest.mark.parametrize(("poses", "again"), [(19, 0), (20, 4), (40, 4), (55, 6), (100, 10)])
+def test_a_tenth_at_least_four_of_twenty_poses_or_more(cell: Cell, poses: int, again: int) -> None:
+    asked = request_of(cell, poses=poses)
+    assert (asked.poses, asked.reapproaches) == (poses - again, again)
+
+
+def test_none_where_something_speaks_against_it(cell: Cell) -> None:
+    q = np.random.default_rng(0).uniform(*cell.robot.sample_limits().T, (6, 6))
+    back = named(np.concatenate([q, q[:2]]))
+    asked = partial(request_of, cell, poses=30)
+    assert asked(extend=named(q)).reapproaches == 4
+    assert asked(extend=back).reapproaches == 0
+    assert asked(discriminate=("backlash:A2", "backlash:A3")).reapproaches == 0
+    assert asked(levels={"A2": AskedLevels(10, 3)}).reapproaches == 0
+    repeated = replace(cell, design=Planned(repeats=True))
+    assert request_of(repeated, poses=30).reapproaches == 0
+    for known in (Repeatability(2e-5, 0.0), Repeatability(0.0, 0.0)):
+        assert request_of(replace(cell, repeatability=known), poses=30).reapproaches == 0
+
+
+@pytest.fixture(scope="module")
+def usual(cell: Cell) -> doe.Design:
+    return unpolished(cell, poses=20, **FEW)
+
+
+def test_they_are_among_the_poses_that_were_asked_for(cell: Cell, usual: doe.Design) -> None:
+    """The plan is that of fewer poses, some of them visited again with others in between."""
+    assert usual.reapproaches is not None
+    assert not usual.reapproaches.asked
+    assert len(usual.poses) == 20
+    counts = np.bincount(visits(usual.poses))
+    assert counts.max() == 1
+    assert sorted(np.bincount(usual.poses.configuration)) == [1] * 12 + [2] * 4
+    asked = unpolished(visiting_again(cell, 4), poses=16, **FEW)
+    np.testing.assert_array_equal(usual.poses.q, asked.poses.q)
+    assert (usual.value, usual.bound) == (asked.value, asked.bound)
+    assert asked.reapproaches is not None
+    assert asked.reapproaches.asked
+
+
+def test_how_to_plan_without_them_is_said(cell: Cell, usual: doe.Design) -> None:
+    without = unpolished(visiting_again(cell, 0), poses=20, **FEW)
+    assert without.reapproaches is None
+    assert len(np.unique(without.poses.configuration)) == 20
+    assert not any("repeat visits" in note for note in without.notes)
+    assert any("--reapproach 0" in note for note in usual.notes)
+    assert usual.assessment.task_rms < 1.1 * without.assessment.task_rms
+
+
+def test_none_where_the_candidates_are_the_plan(cell: Cell) -> None:
+    q = np.random.default_rng(1).uniform(*cell.robot.sample_limits().T, (20, 6))
+    plan = unpolished(cell, poses=20, **{**FEW, "candidates": poses_at(q)})
+    np.testing.assert_allclose(np.sort(plan.poses.q, axis=0), np.sort(q, axis=0))
+
+
+@pytest.mark.long
+def test_all_poses_are_kept_where_fewer_leave_the_model_open(kr270: Cell) -> None:
+    """51 parameters by one marker: of sixteen poses it has 48 readings, of twenty sixty."""
+    effects = ("base", "tool", "geometry", "transmission_harmonic:A1,A2,A3,A4,A5,A6")
+    one = first_markers(with_effects(kr270, *effects), 1)
+    one = replace(one, load=None, design=Planned())
+    plan = unpolished(one, poses=20, **FEW)
+    assert 48 < len(plan.problem.model.parameters) <= 60
+    assert plan.reapproaches is None
+    assert len(np.unique(plan.poses.configuration)) == 20
+    assert np.isfinite(assess(plan.problem, plan.poses.q).std).all()

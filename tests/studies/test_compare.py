@@ -1,0 +1,606 @@
+"""Predicted covariances and refits of both approaches, by cameras and by arms that scatter."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+import calib
+import doe
+from calib import Cell, Poses
+from calib.api import in_turn
+from calib.arm.se3 import fit_rigid, rotate, transform
+from calib.arrays import Array
+from calib.cell import Repeatability
+from calib.cell.planned import Planned
+from calib.model.build import build
+from calib.noise import Noise
+from calib.observations import with_measured_shape
+from calib.poses import Measurements, poses_at
+from studies.compare.experiment import POINTS, WAYS, experiment_of, predict
+from studies.compare.simulate import agreement, refits
+from studies.results.compare import (
+    ComparedApproach,
+    ComparedPlan,
+    CompareResult,
+    OverallAgreement,
+    compared,
+)
+from tests.helpers import (
+    MADE_FROM,
+    cell_of,
+    first_markers,
+    random_poses,
+    random_robot,
+    read_by,
+    with_effects,
+)
+from tests.studies.command_line import paper_cell, run
+
+
+def compare(cell: Cell, plan: Poses, trials: int = 0, seed: int = 0) -> ComparedPlan:
+    """One plan, compared."""
+    (found,) = compared(cell, {"p": plan}, trials, seed=seed)
+    return found
+
+
+def together(cell: Cell, plan: ComparedPlan, trials: int) -> OverallAgreement:
+    """What all trials of a plan say."""
+    return CompareResult.of(cell, [plan], trials, MADE_FROM).agreement
+
+
+def known_std(own: ComparedApproach) -> Array:
+    """Standard deviations in their units, NaN where open."""
+    return np.array([p.std for p in own.parameters], dtype=float)
+
+
+def random_cell(seed: int, dof: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
+    """A cell with nothing special about it and twelve poses in it."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, dof, prismatic=(1,) if seed % 3 == 0 else ())
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (markers, 3)), effects)
+    return cell, random_poses(rng, robot, 12)
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 10_000), st.integers(3, 7), st.integers(3, 6))
+def test_full_covariance_makes_the_approaches_equal(seed: int, dof: int, markers: int) -> None:
+    """For known marker geometry; base, geometry and compliances estimated, tracker noise."""
+    cell, plan = random_cell(seed, dof, markers, "base", "geometry", "joint_compliance")
+    cell = replace(cell, instruments=read_by(Noise(3e-6, 5e-6, 0.0, 2e-6)))
+    experiment = experiment_of(cell, plan, seed=seed)
+    found = {way.key: predict(experiment, way) for way in WAYS}
+    points, full = found["points"].covariance, found["pose full"].covariance
+    scale = np.sqrt(np.diag(points))
+    scale[scale == 0.0] = 1.0
+    np.testing.assert_allclose(
+        full / np.outer(scale, scale), points / np.outer(scale, scale), atol=1e-9
+    )
+    known = np.isfinite(found["points"].std)
+    np.testing.assert_allclose(found["pose full"].std[known], found["points"].std[known], rtol=1e-9)
+    for key in ("pose plain", "pose normalised"):
+        assert (found[key].std[known] > found["points"].std[known] * (1.0 - 1e-9)).all()
+
+
+@pytest.mark.long
+def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Poses) -> None:
+    """Against the observation matrices of the public interface, and against the design's figures."""
+    experiment = experiment_of(kr270, table_two)
+    B = calib.observation(kr270, table_two).reshape(-1, 42) / kr270.noise.across
+    scale = np.linalg.norm(B, axis=0)
+    std = np.sqrt(np.diag(np.linalg.inv((B / scale).T @ (B / scale)))) / scale
+    np.testing.assert_allclose(predict(experiment, POINTS).std, std, rtol=1e-6)
+    plan = doe.design(kr270, criterion="D", candidates=600)
+    points = compare(kr270, plan.poses).points
+    scales = [p.scale for p in plan.problem.model.parameters]
+    np.testing.assert_allclose(known_std(points) * scales, plan.assessment.std, rtol=1e-6)
+    assert points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)
+    assert points.task_worst_mm == pytest.approx(1e3 * plan.assessment.task_worst, rel=1e-6)
+
+
+@pytest.mark.long
+def test_five_hundred_refits_scatter_as_predicted(kr270: Cell, table_two: Poses) -> None:
+    """Both approaches, every weighting, a robot that is off, free and loaded: nonlinear throughout."""
+    elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
+    cell = with_effects(kr270, "base", "tool", *elastic)
+    found = compare(cell, table_two, 500, seed=1)
+    low, high = np.sqrt(chi2.ppf([5e-5, 1 - 5e-5], 499) / 499)
+    for own in found.approaches:
+        ratio = np.array([p.monte_carlo_std for p in own.parameters]) / known_std(own)
+        assert low < ratio.min()
+        assert ratio.max() < high
+        assert own.agreement is not None
+        assert own.agreement.chi2_p is not None
+        assert own.agreement.chi2_p > 1e-3
+        assert own.monte_carlo_task_rms_mm == pytest.approx(own.task_rms_mm, rel=0.05)
+    assert together(cell, found, 500).believed is True
+
+
+def test_one_marker_leaves_approach_two(kr270: Cell, table_two: Poses) -> None:
+    found = compare(first_markers(kr270, 1), table_two, 20)
+    assert [own.key for own in found.approaches] == ["points"]
+    assert not found.improvement
+
+
+def test_a_parameter_that_the_plan_leaves_open_is_said(kr270: Cell, table_two: Poses) -> None:
+    """A1 parallel to gravity: its compliance cannot be seen, the others can."""
+    cell = with_effects(
+        kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6", "joint_offset:A1"
+    )
+    few = table_two.take(np.arange(3))
+    points = compare(cell, few, 20).points
+    open_ = np.isnan(known_std(points))
+    assert open_.any()
+    assert not open_.all()
+    assert points.task_rms_mm is None
+    simulated = np.array([p.monte_carlo_std for p in points.parameters], dtype=float)
+    np.testing.assert_array_equal(np.isnan(simulated), open_)
+    experiment = experiment_of(cell, few)
+    done = refits(experiment, [predict(experiment, POINTS)], 20)
+    assert not done["points"].errors[:, open_].any()
+
+
+def drawn(cov: Array, trials: int, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).multivariate_normal(np.zeros(len(cov)), cov, trials)
+
+
+COV = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 9.0]]) * 1e-12
+
+
+def test_p_values_are_uniform_or_rarer_where_the_prediction_is_right() -> None:
+    found = [agreement(drawn(COV, 200, seed), COV) for seed in range(400)]
+    p = np.array([own.p for own in found if own is not None])
+    for level in (0.01, 0.05, 0.2):
+        assert np.mean(p < level) < level + 3.0 * np.sqrt(level / 400)
+    assert np.mean(p < 0.2) > 0.03, "and not for want of power"
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        drawn(COV * 1.3, 500),
+        drawn(COV / 1.3, 500),
+        drawn(COV, 500) + np.array([0.3e-6, 0.0, 0.0]),
+        drawn(np.diag(np.diag(COV)), 500),
+    ],
+    ids=["too wide", "too narrow", "biased", "uncorrelated"],
+)
+def test_a_wrong_prediction_is_refuted(errors: Array) -> None:
+    found = agreement(errors, COV)
+    assert found is not None
+    assert found.p < 1e-3
+
+
+def test_agreement_of_directions_that_are_fixed_and_of_nothing() -> None:
+    joined = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-12
+    errors = np.repeat(np.random.default_rng(0).normal(0.0, 1e-6, (300, 1)), 2, axis=1)
+    found = agreement(errors, joined)
+    assert found is not None
+    assert found.p > 0.01
+    assert agreement(errors[:1], joined) is None
+    assert agreement(errors, np.zeros((2, 2))) is None
+
+
+def parallel_arm(seed: int, markers: int, *effects: str) -> tuple[Cell, Poses]:
+    """Four parallel axes and a slide along them: base and markers share a direction."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, 4, prismatic=(2,))
+    turned = np.broadcast_to(np.eye(3), (5, 3, 3))
+    shifted = np.array([[0, 0, 0.4], [0.3, 0, 0], [0.25, 0, 0.1], [0, 0, 0], [0, 0, -0.1]])
+    robot = replace(
+        robot, origins=transform(turned, shifted), axes=np.tile([0.0, 0.0, 1.0], (4, 1))
+    )
+    points = rng.uniform(-0.1, 0.1, (markers, 3))
+    low, high = robot.sample_limits().T
+    return cell_of(robot, points, effects), poses_at(rng.uniform(low, high, (15, 4)))
+
+
+@pytest.mark.long
+def test_no_way_is_better_than_the_points_where_base_and_tool_overlap() -> None:
+    """One marker component is dropped there; the shape that #1 measures must not mix with it."""
+    cell, plan = parallel_arm(1, 3, "base", "tool", "geometry")
+    assert len(calib.parameters(cell)) < 6 + 9 + 18
+    found = compare(cell, plan, 300)
+    for own in found.approaches:
+        assert (known_std(own) > known_std(found.points) * (1.0 - 1e-6)).all()
+        assert own.agreement is not None
+        assert own.agreement.chi2_p is not None
+        assert own.agreement.chi2_p > 1e-3, own.key
+    (full,) = (own for own in found.approaches if own.key == "pose full")
+    np.testing.assert_allclose(known_std(full), known_std(found.points), rtol=1e-6)
+
+
+def test_open_parameters_are_the_same_for_every_way(kr270: Cell, table_two: Poses) -> None:
+    cell = with_effects(kr270, "base", "tool", "geometry")
+    few = replace(table_two.take(np.arange(4)))
+    found = compare(replace(cell, load=None), few)
+    robot = [p.effect == "geometry" for p in found.points.parameters]
+    open_ = np.isnan(known_std(found.points))[robot]
+    assert open_.any()
+    for own in found.approaches:
+        assert not (np.isfinite(known_std(own))[robot] & open_).any()
+
+
+def test_a_load_effect_is_predicted_on_an_elastic_arm(kr270: Cell, table_two: Poses) -> None:
+    """On a rigid one it would move nothing, and every figure would be undefined."""
+    elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
+    anchors = {"A2": np.array([[-0.686, 0.0, 0.123], [0.185, 0.0, 0.0]])}
+    cell = replace(with_effects(kr270, *elastic, "gravity_compensator:A2"), anchors=anchors)
+    for own in compare(cell, table_two).approaches:
+        assert np.isfinite(known_std(own)).all()
+
+
+def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: Poses) -> None:
+    """Six markers, three at a time: the least-squares shape, against SciPy."""
+    from scipy.optimize import least_squares
+
+    rng = np.random.default_rng(0)
+    cell = with_effects(cell_of(kr270.robot, rng.uniform(-0.2, 0.2, (6, 3)), ()), "base", "tool")
+    experiment = experiment_of(cell, table_two)
+    seen = np.zeros((15, 6), dtype=bool)
+    for i in range(15):
+        seen[i, rng.permutation(6)[:4]] = True
+    exact = experiment.model.predict(experiment.nominal, experiment.poses)
+    points = exact + 1e-5 * rng.standard_normal(exact.shape)
+    data = Measurements(experiment.poses, points, seen, np.full(seen.shape, np.nan))
+    measured = with_measured_shape(experiment.model, data, experiment.nominal)
+    shape = experiment.model.marker_positions(measured)
+
+    def misfit(flat: Array) -> Array:
+        own = flat.reshape(6, 3)
+        T = fit_rigid(points, own, seen.astype(float))
+        rest = points - rotate(T[:, None, :3, :3], own) - T[:, None, :3, 3]
+        return (rest * seen[..., None]).ravel() * 1e5
+
+    best = least_squares(misfit, cell.markers.ravel(), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    ours = float((misfit(shape.ravel()) ** 2).sum())
+    assert ours == pytest.approx(2.0 * best.cost, rel=1e-6)
+
+
+@pytest.mark.long
+def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two: Poses) -> None:
+    cell = with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
+    few = together(cell, compare(cell, table_two, 5), 5)
+    assert few.believed is None
+    assert "too few to tell" in few.says
+    found = compare(cell, table_two, 40)
+    failed = [own.model_copy(update={"not_converged": 3}) for own in found.approaches]
+    worse = together(cell, found.model_copy(update={"approaches": tuple(failed)}), 40)
+    assert worse.believed is False
+    assert "3 of 40 fits" in worse.says
+
+
+ARM = Repeatability(3e-5, 1e-4)
+
+
+EFFECTS = ("base", "tool", "joint_offset", "joint_compliance:A2,A3")
+
+
+@pytest.fixture(scope="module")
+def cell_again(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, *EFFECTS), repeatability=ARM, design=Planned())
+
+
+@pytest.fixture(scope="module")
+def plan_again(table_two: Poses) -> Poses:
+    """Table II, and three of its poses once more."""
+    return poses_at(np.concatenate([table_two.q, table_two.q[[1, 5, 9]]]))
+
+
+@pytest.mark.long
+def test_refits_scatter_as_predicted(cell_again: Cell, plan_again: Poses) -> None:
+    """Both approaches in every weighting, free and loaded in one visit, poses visited again."""
+    (found,) = compared(cell_again, {"plan": plan_again}, 160, seed=2)
+    assert len(found.approaches) == 4
+    for own in found.approaches:
+        assert own.agreement is not None
+        assert own.agreement.chi2_p is not None
+        assert own.agreement.chi2_p > 1e-3
+        assert own.monte_carlo_task_rms_mm == pytest.approx(own.task_rms_mm, rel=0.12)
+    (blind,) = compared(replace(cell_again, repeatability=None), {"plan": plan_again})
+    assert found.points.task_rms_mm is not None
+    assert blind.points.task_rms_mm is not None
+    assert found.points.task_rms_mm > 2.0 * blind.points.task_rms_mm
+
+
+def test_a_prediction_that_forgets_the_arm_is_refuted(cell_again: Cell, plan_again: Poses) -> None:
+    """Errors of the right size for an arm that scatters, judged by a cell_again whose arm does not."""
+    experiment = experiment_of(cell_again, plan_again)
+    forgetful = replace(experiment, arm=None)
+    prediction = predict(forgetful, experiment.ways[-1])
+    right = predict(experiment, experiment.ways[-1])
+    rng = np.random.default_rng(0)
+    errors = rng.multivariate_normal(np.zeros(len(right.covariance)), right.covariance, 200)
+    judged = agreement(errors, prediction.covariance)
+    assert judged is not None
+    assert judged.p < 1e-6
+
+
+def displaced(
+    cell_again: Cell, poses: Poses, values: Array, visit: Array, rng: np.random.Generator
+) -> Measurements:
+    """Readings of a tip that is shifted and turned anew at each visit, by scipy's rotations."""
+    model = build(cell_again, poses).model
+    state = model.state(values, poses)
+    o = model.readings(values, poses, state.frames.o[:, -1:])
+    shift = rng.normal(size=(visit.max() + 1, 1, 3)) * ARM.translation
+    turn = Rotation.from_rotvec(rng.normal(size=(visit.max() + 1, 3)) * ARM.rotation).as_matrix()
+    points = model.predict(values, poses) - o
+    points = points @ np.swapaxes(turn, -1, -2)[visit] + shift[visit] + o
+    points = points + rng.normal(size=points.shape) * cell_again.noise.along
+    return Measurements(
+        poses, points, np.ones(points.shape[:2], bool), np.full(points.shape[:2], np.nan)
+    )
+
+
+@pytest.mark.long
+def test_identify_reaches_what_was_promised(cell_again: Cell, plan_again: Poses) -> None:
+    """Days of measurement by a simulation of their own, identified as real data are."""
+    poses = in_turn(cell_again, plan_again)
+    visit = np.arange(len(poses)) // 2
+    experiment = experiment_of(cell_again, plan_again, seed=1)
+    prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
+    inverse = np.linalg.pinv(
+        prediction.covariance / np.outer(prediction.std, prediction.std), hermitian=True
+    )
+    squares, days, more = 0.0, 24, 0
+    rng = np.random.default_rng(7)
+    for _ in range(days):
+        data = displaced(cell_again, poses, experiment.truth, visit, rng)
+        found = calib.identify(cell_again, data)
+        assert found.levels is not None
+        if found.levels.estimated:  # by chance something seems to scatter beside the arm
+            more += 1
+        else:
+            np.testing.assert_allclose(found.std, prediction.std, rtol=0.02)
+        off = (found.values - experiment.truth) / prediction.std
+        squares += off @ inverse @ off
+    assert more <= 2
+    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], days * len(prediction.std))
+    assert low < squares < high
+
+
+HEAD = """
+schema = 1
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+{robot}
+[markers_mm]
+m1 = [279.2, -16.4, -91.9]
+m2 = [279.2, -25.2, 96.1]
+[bodies.target]
+position_mm = [280, 0, 0]
+[model]
+effects = ["base", "tool", "joint_offset:A2,A3"]
+"""
+
+
+def written(folder: Path, instruments: str, robot: str = "") -> Path:
+    paper_cell(folder)
+    path = folder / "own.toml"
+    path.write_text(HEAD.format(robot=robot) + instruments)
+    return path
+
+
+def test_the_arm_comes_elsewhere_at_each_visit(tmp_path: Path, table_two: Poses) -> None:
+    """One rigid motion about the tip a visit, free and loaded, of the stated size, whoever reads."""
+    laser = '[instruments.laser]\nkind = "points"\nsigma_mm = 1e-9\n'
+    probe = '[instruments.probe]\nkind = "pose"\nsigma_mm = 1e-9\nsigma_urad = 1e-6\n'
+    load = "[load]\nmass_kg = 10\ncom_mm = [0, 0, 0]\n"
+    path = written(
+        tmp_path, laser + probe + load, "repeatability_mm = 0.03\nrepeatability_urad = 100"
+    )
+    experiment = experiment_of(calib.load_cell(path), table_two)
+    exact = experiment.model.predict(experiment.truth, experiment.poses)
+    off = experiment.drawn(200, np.random.default_rng(3)) - exact
+    frames = experiment.model.state(experiment.truth, experiment.poses).frames
+    away = exact[:, :2, :3] - frames.o[:, -1:]
+    turned = axes_turned(exact, off)
+    for marker in range(2):
+        shift = off[:, :, marker, :3] - np.cross(turned, away[:, marker])
+        assert spread(shift) == pytest.approx(3e-5, rel=0.05)
+    np.testing.assert_allclose(turned[:, ::2], turned[:, 1::2], atol=1e-9)
+    assert (np.abs(np.diff(turned[:, ::2], axis=1)).max(axis=(0, 2)) > 1e-5).all()
+    assert spread(turned) == pytest.approx(1e-4, rel=0.05)
+    np.testing.assert_allclose(np.corrcoef(turned[:, 0].T), np.eye(3), atol=0.3)
+
+
+def axes_turned(exact: Array, off: Array) -> Array:
+    """Small rotation (trials, m, 3) of the body that the second instrument reads, in base axes."""
+    x, y = exact[:, 2, 3:6], exact[:, 2, 6:]
+    z = np.cross(x, y)
+    moved = off[:, :, 2, 3:6], off[:, :, 2, 6:]
+    by_x, by_y = -(moved[0] * z).sum(-1), (moved[0] * y).sum(-1)
+    return ((moved[1] * z).sum(-1))[..., None] * x + by_x[..., None] * y + by_y[..., None] * z
+
+
+def spread(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's cell with its elastostatic model, two poses of its plan at each level, and fewer."""
+    path = tmp_path_factory.mktemp("cell")
+    paper_cell(path, "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
+    rows = (path / "plan.csv").read_text().splitlines()
+    two = [row for k, row in enumerate(rows[1:]) if k % 3]
+    (path / "plan.csv").write_text("\n".join([rows[0], *two, ""]))
+    (path / "shorter.csv").write_text("\n".join([rows[0], *rows[1::2], ""]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(folder: Path) -> Result:
+    return run(
+        "compare", folder / "cell.toml", folder / "plan.csv", folder / "shorter.csv",
+        "--monte-carlo", 100, "--workers", 1, "--json", folder / "out.json",
+        "--figures", folder / "figures",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fields(folder: Path, done: Result) -> dict[str, Any]:
+    assert done.exit_code == 0, done.output
+    return json.loads((folder / "out.json").read_text(), parse_constant=pytest.fail)
+
+
+def entry(plan: dict[str, Any], approach: str, weighting: str) -> dict[str, Any]:
+    found = [
+        e for e in plan["approaches"] if (e["approach"], e["weighting"]) == (approach, weighting)
+    ]
+    assert len(found) == 1
+    return found[0]
+
+
+@pytest.mark.long
+def test_figures_are_consistent(fields: dict[str, Any]) -> None:
+    for plan in fields["plans"]:
+        plain, points = entry(plan, "pose", "plain"), entry(plan, "points", "full")
+        for a, b, gain in zip(
+            plain["parameters"], points["parameters"], plan["improvement"], strict=True
+        ):
+            assert gain["factor"] == pytest.approx(a["std"] / b["std"])
+            assert b["monte_carlo_std"] == pytest.approx(b["std"], rel=0.3)
+        full = entry(plan, "pose", "full")
+        assert full["task_rms_mm"] == pytest.approx(points["task_rms_mm"], rel=1e-9)
+    whole, half = fields["plans"]
+    assert (
+        entry(half, "points", "full")["task_rms_mm"] > entry(whole, "points", "full")["task_rms_mm"]
+    )
+    ratios = [
+        p["monte_carlo_std"] / p["std"]
+        for plan in fields["plans"] for e in plan["approaches"] for p in e["parameters"]
+    ]  # fmt: skip
+    worst = fields["agreement"]["worst_ratio"]
+    assert any(worst == pytest.approx(r) for r in ratios)
+
+
+@pytest.mark.long
+def test_the_answer_comes_first(done: Result) -> None:
+    lines = done.output.splitlines()
+    said = " ".join(done.output.split())
+    assert said.startswith("kr270 milling cell: Best of 2 plans: plan.csv, with an expected error")
+    assert re.search(r"error of [\d.]+ mm RMS from marker points \(#2\)\.", said)
+    assert "shorter.csv has to be measured" in said
+    assert "100 simulated experiments a plan" in said
+    assert "Weighted by its full covariance, #1 equals #2" in said
+    assert max(map(len, lines)) <= 120
+
+
+@pytest.mark.long
+def test_figures_are_written(folder: Path, done: Result) -> None:
+    assert "2 figures to" in done.output
+    made = {path.name for path in (folder / "figures").iterdir()}
+    assert made == {"deviations_by_approach.svg", "ellipses.svg"}
+
+
+@pytest.mark.long
+def test_figures_of_a_plan_that_leaves_parameters_open(folder: Path, tmp_path: Path) -> None:
+    """What cannot be drawn is left out; the result is not lost with it."""
+    rows = (folder / "plan.csv").read_text().splitlines()
+    (folder / "few.csv").write_text("\n".join([*rows[:3], ""]))
+    done = run(
+        "compare", folder / "cell.toml", folder / "few.csv", "--monte-carlo", 20, "--workers", 1,
+        "--figures", tmp_path / "figures", "--json", tmp_path / "out.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "few.csv does not determine" in done.output
+    stems = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert "deviations_by_approach" in stems
+    json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_nothing_simulated(folder: Path) -> None:
+    done = run(
+        "compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 0, "--json", "-"
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert found["trials"] == 0
+    assert found["agreement"]["worst_ratio"] is None
+    assert found["agreement"]["chi2_p"] is None
+    assert found["plans"][0]["approaches"][0]["parameters"][0]["monte_carlo_std"] is None
+    assert "Nothing was simulated" in done.stderr
+
+
+CAMERA = """schema = 1
+name = "cam"
+[robot]
+urdf = "kr270.urdf"
+base = "base_link"
+tip = "tool0"
+[boards.b]
+on = "tip"
+squares = [8, 11]
+pitch_mm = 20
+[instruments.cam]
+kind = "camera"
+on = "world"
+position_mm = [4500, 0, 1000]
+rpy_deg = {look}
+focal_px = 1000
+center_px = [639.5, 479.5]
+image_px = [1280, 960]
+sigma_px = 0.1
+[model]
+effects = ["base", "tool", "geometry"]
+"""
+
+
+AHEAD, AWAY = "[-90, 0, 90]", "[-90, 0, -90]"
+
+
+@pytest.fixture
+def photographed(tmp_path: Path) -> Path:
+    """A folder with a camera that stands before the arm, and poses that show it the board."""
+    paper_cell(tmp_path)
+    (tmp_path / "ahead.toml").write_text(CAMERA.format(look=AHEAD))
+    (tmp_path / "away.toml").write_text(CAMERA.format(look=AWAY))
+    turns = np.array([0, -60, 90, 0, 30, 0]) + np.random.default_rng(0).uniform(
+        -1.0, 1.0, (15, 6)
+    ) * (20, 20, 20, 34, 34, 34)
+    rows = [",".join([f"p{i}", *(f"{x:.4f}" for x in row)]) for i, row in enumerate(turns)]
+    head = "pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg"
+    (tmp_path / "near.csv").write_text("\n".join([head, *rows, ""]))
+    return tmp_path
+
+
+def asked(folder: Path, cell: str, *more: str) -> Result:
+    return run("compare", folder / cell, folder / "near.csv", *more)
+
+
+@pytest.mark.long
+def test_a_camera_alone_is_predicted_simulated_and_drawn(photographed: Path) -> None:
+    figures, out = photographed / "figures", photographed / "r.json"
+    more = ("--monte-carlo", "40", "--workers", "1", "--figures", str(figures), "--json", str(out))
+    done = asked(photographed, "ahead.toml", *more)
+    assert done.exit_code == 0, done.output
+    found = json.loads(out.read_text())
+    (plan,) = found["plans"]
+    assert [own["approach"] for own in plan["approaches"]] == ["points"]
+    assert found["agreement"]["believed"] is True
+    assert {path.stem for path in figures.glob("*.svg")} >= {"deviations_by_approach", "ellipses"}
+
+
+@pytest.mark.parametrize("trials", ["0", "20"])
+def test_a_camera_that_sees_nothing_is_refused_in_a_line(photographed: Path, trials: str) -> None:
+    done = asked(photographed, "away.toml", "--monte-carlo", trials)
+    assert done.exit_code == 2, done.output
+    (line,) = done.stderr.splitlines()
+    assert "away.toml" in line
+    assert "cam sees no point at any pose of near.csv" in line
+    assert "posecal design" in line

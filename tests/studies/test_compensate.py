@@ -1,0 +1,295 @@
+"""``posecal compensate`` as a user sees it, and corrected commands run through arms in MuJoCo."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from scipy.spatial.transform import Rotation
+
+import calib
+from calib import Cell, Measurements
+from calib.arm.kinematics import forward
+from calib.arrays import Array
+from calib.files.estimate import load_estimate
+from calib.prediction.compensate import Compensation
+from calib.prediction.estimate import Estimate, estimate_of
+from studies.research.sealed.draw import Case
+from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm
+from studies.research.truth.causes import Cause
+from studies.research.truth.scene import at_rest, draw_scene
+from studies.results.estimate import Estimated
+from tests.calib.test_compensate import band, missed, wanted
+from tests.studies.command_line import checked, run
+from tests.studies.research.sealed.scenes import PLAIN, as_files, case_of
+
+
+def compensate(demo: Path, *more: object) -> Result:
+    return run("compensate", demo / "cell.toml", demo / "result.json", demo / "targets.csv", *more)
+
+
+@pytest.mark.long
+def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "--json", tmp_path / "c.json")
+    fields = json.loads((tmp_path / "c.json").read_text())
+    cell = calib.load_cell(demo / "cell.toml")
+    result = calib.identify(cell, calib.load_measurements(cell, demo / "measurements.csv"))
+    found = calib.compensate(cell, result, demo / "targets.csv")
+    assert found.rms(found.expected) * 1e3 == pytest.approx(fields["rms_mm"]["expected"], rel=1e-6)
+    shown = [t["joints_deg"]["A3"] for t in fields["targets"]]
+    np.testing.assert_allclose(np.degrees(found.q[:, 2]), shown, atol=1e-6)
+
+
+def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) -> None:
+    done = compensate(demo, "-o", tmp_path / "c.csv", "--json", tmp_path / "c.json")
+    assert done.exit_code == 0, done.output
+    fields = json.loads((tmp_path / "c.json").read_text())
+    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
+    assert [row["weight"] for row in rows] == ["1", "2", "1", "1"]
+    cell = calib.load_cell(demo / "cell.toml")
+    plan = calib.load_plan(cell, tmp_path / "c.csv")
+    again, weights = calib.load_targets(cell, tmp_path / "c.csv")
+    for q, target, row in zip(plan.q, fields["targets"], rows, strict=True):
+        expected = [target["joints_deg"][joint] for joint in cell.robot.joints]
+        np.testing.assert_allclose(np.degrees(q), expected, atol=2e-6)
+        change = [float(row[f"change_{joint}_mdeg"]) for joint in cell.robot.joints]
+        shown = [target["correction_joints_deg"][joint] for joint in cell.robot.joints]
+        np.testing.assert_allclose(change, np.array(shown) * 1e3, atol=2e-3)
+    np.testing.assert_array_equal(again.q, plan.q)
+    np.testing.assert_array_equal(weights, [1.0, 2.0, 1.0, 1.0])
+    assert rows[3]["limited_by"] == "singular"
+    assert "1 of 4 targets are only partly corrected" in done.output
+
+
+def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "--json", tmp_path / "c.json")
+    fields = json.loads((tmp_path / "c.json").read_text())
+    checked(fields, "compensate")
+    assert fields["command"] == "compensate"
+    assert [Path(i["file"]).name for i in fields["inputs"]] == [
+        "cell.toml", "kr270.urdf", "result.json", "targets.csv",
+    ]  # fmt: skip
+    rms, expected = fields["rms_mm"], fields["expected"]
+    assert rms["expected"] == pytest.approx(np.hypot(rms["left"], expected["rms_mm"]), rel=1e-6)
+    parts = [expected[f"{name}_mm"] for name in ("parameters", "arm", "model")]
+    assert expected["rms_mm"] == pytest.approx(np.linalg.norm(parts), rel=1e-6)
+    assert rms["before"] > 100 * rms["expected"]
+    weights = np.array([1.0, 2.0, 1.0, 1.0])
+    before = np.array([t["before_mm"] for t in fields["targets"]])
+    assert rms["before"] == pytest.approx(np.sqrt(weights @ before**2 / 5.0))
+    assert fields["errors_at"] == "markers"
+    assert fields["limited"] == {"singular": 1}
+    assert fields["warnings"] == []
+
+
+def test_targets_as_poses_of_the_tip(demo: Path, tmp_path: Path) -> None:
+    """The arm goes to the same tips, whether they were given as such or by joints."""
+    cell = calib.load_cell(demo / "cell.toml")
+    joints, _ = calib.load_targets(cell, demo / "targets.csv")
+    tip = forward(cell.robot, joints.q[:3])
+    x, y, z, w = Rotation.from_matrix(tip.R[:, -1]).as_quat().T
+    rows = np.column_stack([tip.o[:, -1] * 1e3, w, x, y, z])
+    lines = ["x_mm,y_mm,z_mm,qw,qx,qy,qz", *(",".join(f"{v:.12g}" for v in r) for r in rows)]
+    (tmp_path / "tips.csv").write_text("\n".join([*lines, ""]))
+    given = (demo / "cell.toml", demo / "result.json", tmp_path / "tips.csv")
+    done = run("compensate", *given, "-o", tmp_path / "c.csv", "--json", tmp_path / "c.json")
+    assert done.exit_code == 0, done.output
+    assert "the solution nearest to the middle of the joint ranges, A1" in " ".join(
+        done.stderr.split()
+    )
+    compensate(demo, "--json", tmp_path / "j.json")
+    tips, by_joints = (json.loads((tmp_path / f"{n}.json").read_text()) for n in "cj")
+    for mine, theirs in zip(tips["targets"], by_joints["targets"], strict=False):
+        assert mine["left_mm"] < 1e-3
+        assert mine["before_mm"] > 0.1
+        assert theirs["before_mm"] > 0.1
+    plan = calib.load_plan(cell, tmp_path / "c.csv")
+    shown = [[t["joints_deg"][j] for j in cell.robot.joints] for t in tips["targets"]]
+    np.testing.assert_allclose(np.degrees(plan.q), shown, atol=2e-6)
+
+
+@pytest.mark.long
+def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
+    """Knots that the cell does not give, and effects of a diagnosis, come from the result alone."""
+    cell_path = tmp_path / "cell.toml"
+    text = (demo / "cell.toml").read_text().replace("[model.knots_deg]", "[skip]")
+    text = text.replace("A2 = [-140.0, -99.85, -56.9, -25.24, -0.01]", "").replace("[skip]", "")
+    (tmp_path / "kr270.urdf").write_text((demo / "kr270.urdf").read_text())
+    cell_path.write_text(text)
+    cell = calib.load_cell(cell_path)
+    assert "A2" not in cell.knots
+    data = calib.load_measurements(cell, demo / "measurements.csv")
+    for command, result in (
+        ("identify", calib.identify(cell, data)),
+        ("diagnose", calib.diagnose(cell, data)),
+    ):
+        known = estimate_of(result)
+        path = tmp_path / f"{command}.json"
+        entry = Estimated.of(known).model_dump(by_alias=True)
+        path.write_text(json.dumps({"command": command, "estimate": entry}))
+        read = load_estimate(cell, path)
+        assert [p.id for p in read.model.parameters] == [p.id for p in known.model.parameters]
+        np.testing.assert_array_equal(read.values, known.values)
+        np.testing.assert_array_equal(read.covariance, known.covariance)
+        assert read.start == known.start
+        assert read.discrepancy == known.discrepancy
+        q = calib.load_targets(cell, demo / "targets.csv")[0]
+        np.testing.assert_allclose(
+            calib.compensate(cell, read, q).q, calib.compensate(cell, known, q).q, atol=1e-9
+        )
+
+
+def test_a_cell_that_changed_is_said(demo: Path, tmp_path: Path) -> None:
+    (tmp_path / "kr270.urdf").write_text((demo / "kr270.urdf").read_text())
+    (tmp_path / "cell.toml").write_text((demo / "cell.toml").read_text() + "\n# edited\n")
+    done = run("compensate", tmp_path / "cell.toml", demo / "result.json", demo / "targets.csv")
+    assert done.exit_code == 0
+    assert f"warning: {tmp_path / 'cell.toml'} changed since" in done.output
+    assert "kr270.urdf changed" not in done.output
+
+
+def test_corrected_commands_are_not_corrected_twice(demo: Path, tmp_path: Path) -> None:
+    compensate(demo, "-o", tmp_path / "c.csv")
+    done = run("compensate", demo / "cell.toml", demo / "result.json", tmp_path / "c.csv")
+    assert done.exit_code == 2
+    assert "holds corrected commands already" in done.output
+
+
+def test_commands_that_do_not_keep_clear_are_told(demo: Path, tmp_path: Path) -> None:
+    """A ball around the forearm at the first target: that command is named."""
+    cell = calib.load_cell(demo / "cell.toml")
+    targets, _ = calib.load_targets(cell, demo / "targets.csv")
+    frames = forward(cell.robot, targets.q)
+    x, y, z = 1e3 * frames.o[0, 4]
+    shapes = "\n[robot.capsules_mm]\nA3 = [{ from = [0, 0, 0], to = [1000, 0, 0], radius = 50 }]\n"
+    ball = f'[[design.obstacle]]\ntype = "sphere"\ncenter_mm = [{x}, {y}, {z}]\nradius_mm = 150\n'
+    path = demo / "guarded.toml"
+    path.write_text((demo / "cell.toml").read_text() + shapes + ball)
+    found = run(
+        "compensate",
+        path,
+        demo / "result.json",
+        demo / "targets.csv",
+        "--json",
+        tmp_path / "c.json",
+    )
+    assert found.exit_code == 0, found.output
+    fields = json.loads((tmp_path / "c.json").read_text())
+    assert fields["not_clear"] == {targets.names[0]: "obstacle 1 (sphere)"}
+    said = " ".join(found.output.split())
+    assert f"at the corrected command of {targets.names[0]} the arm does not keep clear" in said
+
+
+CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)
+
+
+def measured(arm: Arm, seed: int, *causes: Cause, louder: float = 1.0) -> Case:
+    """A session with noise on an arm with errors of every kind that the user's model has.
+
+    louder : actual over stated noise of the instrument
+    """
+    rng = np.random.default_rng(seed)
+    case = case_of(draw_scene(rng, arm, CONDITIONS), *causes)
+    noise = case.scene.noise.coloured(rng.normal(size=case.clean.shape), case.clean)
+    return replace(case, conditions=CONDITIONS, noisy=case.clean + louder * noise)
+
+
+def files(folder: Path, case: Case) -> tuple[Cell, Measurements, Measurements]:
+    """Cell, data, and the held-out poses that serve as targets, as a user has them."""
+    cell, data = as_files(folder / "case", case)
+    return cell, data, calib.load_measurements(cell, folder / "case" / "heldout.csv")
+
+
+def true_points(case: Case, q: Array) -> Array:
+    """Where the markers of the true arm are at the held-out readings, driven to other joints."""
+    scene, session = case.scene, case.scene.session
+    driven = session.q.copy()
+    driven[session.held] = q
+    moved = replace(scene, session=replace(session, q=driven))
+    return at_rest(moved, scene.mechanism(), case.causes).aimed[session.held]
+
+
+def ratio_of(case: Case, known: Estimate, found: Compensation) -> tuple[float, float, float]:
+    """RMS before and after [m] on the true arm, and the latter over what was expected."""
+    places = wanted(known, found)
+    before, after = (missed(true_points(case, q), places) for q in (found.targets.q, found.q))
+    ratio = np.sqrt(after.mean() / (found.expected**2).mean())
+    return float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), float(ratio)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("arm", ARMS, ids=[arm.name for arm in ARMS])
+def test_true_arm_is_where_it_should_be(arm: Arm, tmp_path: Path) -> None:
+    """Geometry, payload and load: the error falls to what the covariance says."""
+    case = measured(arm, 2)
+    cell, data, targets = files(tmp_path, case)
+    result = calib.identify(cell, data)
+    found = calib.compensate(cell, result, targets.poses)
+    known = estimate_of(result)
+    before, after, ratio = ratio_of(case, known, found)
+    low, high = band(known, replace(found.targets, q=found.q))
+    assert len(found.q) >= 40
+    assert found.left.max() < 1e-7
+    assert before > 1e-3
+    assert after < 1e-5
+    assert low < ratio < high
+    assert found.rms(found.before) == pytest.approx(before, rel=0.01)
+
+
+@pytest.mark.long
+def test_a_noisy_instrument_is_not_expected_at_the_targets(tmp_path: Path) -> None:
+    """Three times the stated noise: the parameters suffer, the true arm at its targets does not."""
+    came, stated = [], []
+    for seed in range(3):
+        case = measured(LIGHT, seed, louder=3.0)
+        cell, data, targets = files(tmp_path / str(seed), case)
+        result = calib.identify(cell, data)
+        found = calib.compensate(cell, result, targets.poses)
+        known = estimate_of(result)
+        assert known.discrepancy.rms == found.error.arm.max() == 0.0
+        _, after, ratio = ratio_of(case, known, found)
+        low, high = band(known, replace(found.targets, q=found.q))
+        assert low < ratio < high
+        came.append(after)
+        stated.append(after / ratio)
+    ratio = float(np.linalg.norm(came) / np.linalg.norm(stated))
+    assert 0.8 < ratio < 1.2
+
+
+@pytest.mark.long
+def test_named_cause_is_corrected(tmp_path: Path) -> None:
+    """Backlash that only the diagnosis knows of: gone with it, left over without."""
+    case = measured(HEAVY, 5, Cause("backlash", "A3", {"half_width": 8e-5}))
+    cell, data, targets = files(tmp_path, case)
+    result = calib.diagnose(cell, data)
+    assert [c.named.candidate.key for c in result.causes] == ["backlash:A3"]
+    known = estimate_of(result)
+    found = calib.compensate(cell, result, targets.poses)
+    before, after, ratio = ratio_of(case, known, found)
+    low, high = band(known, replace(found.targets, q=found.q))
+    assert before > 1e-3
+    assert low < ratio < high
+    plain = calib.identify(cell, data)
+    without = ratio_of(case, estimate_of(plain), calib.compensate(cell, plain, targets.poses))
+    assert without[1] > 4.0 * after
+
+
+@pytest.mark.long
+def test_located_rest_is_part_of_what_is_expected(tmp_path: Path) -> None:
+    """A third harmonic, of which no ripple is made: it stays, and the expected error says so."""
+    case = measured(HEAVY, 5, Cause("third_harmonic", "A4", {"a": 1.5e-4, "b": 1e-4}))
+    cell, data, targets = files(tmp_path, case)
+    cell = replace(cell, excluded=("gear_ripple",))
+    result = calib.diagnose(cell, data, heldout=targets)
+    found = calib.compensate(cell, result, targets.poses)
+    before, after, ratio = ratio_of(case, estimate_of(result), found)
+    assert "not corrected: the gap located at A4 by q:A4" in " ".join(found.notes)
+    assert found.error.estimate.configuration_of == "model"
+    assert found.rms(found.error.model) > 2.0 * case.scene.noise.sigma
+    assert after < before / 20.0
+    assert 0.8 < ratio < 1.25  # the same poses are held out and aimed at

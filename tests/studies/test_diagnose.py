@@ -1,0 +1,356 @@
+"""``posecal diagnose``: files, published cases, every sentence; a plan before it is measured."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calib import Cell, Poses
+from doe.forecast.foresee import foresee
+from studies import render
+from studies.demo.embedded import __file__ as demo_file
+from studies.results.base import envelope
+from studies.results.diagnose import DiagnoseResult
+from studies.results.plan import PlanResult
+from tests.fuzz.small_cell import small_results
+from tests.studies.command_line import result, run
+
+
+@pytest.mark.long
+def test_figures_and_cell_are_written_together(demo: Path, tmp_path: Path) -> None:
+    better, figures = tmp_path / "better.toml", tmp_path / "figures"
+    done = run(
+        "diagnose", demo / "cell.toml", demo / "measurements.csv",
+        "--cell-out", better, "--figures", figures, "--json", tmp_path / "d.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert [p.name for p in figures.iterdir()] == ["causes.svg"]
+    assert f"{better}: the model as it was" in done.output.replace("\n", "")
+    assert str(demo.resolve()) not in better.read_text()
+
+
+@pytest.fixture(scope="module")
+def one_effect(
+    data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, Any], str, Path]:
+    """The published case with an effect, and the better cell."""
+    better = tmp_path_factory.mktemp("one_effect") / "better.toml"
+    call = ("diagnose", *example(data, "one_effect"), "--cell-out", better)
+    return *result(better.with_name("found.json"), *call), better
+
+
+def example(data: Path, name: str) -> tuple[object, ...]:
+    """Cell and table of a published case, and its poses held out."""
+    folder = data / "examples" / name
+    return folder / "cell.toml", folder / "measurements.csv", "--holdout", folder / "heldout.csv"
+
+
+@pytest.mark.long
+def test_a_published_case_with_an_effect(
+    one_effect: tuple[dict[str, Any], str, Path],
+) -> None:
+    fields, _, _ = one_effect
+    assert fields["verdict"] == "explained"
+    (effect,) = fields["effects"]
+    assert (effect["effect"], effect["where"]) == ("backlash", "a5")
+    (p,) = effect["parameters"]
+    assert abs(p["value"] - 120.0) < 3.0 * p["std"]
+    assert fields["located"][0]["depends_on"] == "approach:a5"
+    assert fields["gap"]["heldout_after_mm"] < 1.1 * fields["gap"]["floor_mm"]
+
+
+@pytest.mark.long
+def test_a_published_case_without_one(data: Path, tmp_path: Path) -> None:
+    fields, _ = result(tmp_path / "found.json", "diagnose", *example(data, "no_effect"))
+    assert fields["verdict"] == "no_gap"
+
+
+@pytest.mark.long
+def test_the_next_run_starts_from_the_better_model(
+    data: Path, one_effect: tuple[dict[str, Any], str, Path]
+) -> None:
+    _, said, better = one_effect
+    assert "Cause found: backlash:a5" in said
+    assert '"backlash:a5"' in better.read_text()
+    second = run("diagnose", better, data / "examples" / "one_effect" / "measurements.csv")
+    assert second.exit_code == 0, second.output
+    assert "No unmodelled error found: the residuals are noise" in second.output
+
+
+DEMO = Path(demo_file).parent
+
+
+@pytest.mark.long
+def test_a_plan_is_judged_before_anything_is_measured(tmp_path: Path) -> None:
+    out = tmp_path / "plan.json"
+    done = run("diagnose", DEMO / "cell.toml", DEMO / "plan.csv", "--plan-only", "--json", out)
+    assert done.exit_code == 0, done.output
+    assert max(map(len, done.output.splitlines()[:-1])) <= 110
+    fields = json.loads(out.read_text(), parse_constant=pytest.fail)
+    assert fields["command"] == "diagnose"
+    assert fields["plan_only"] is True
+    assert fields["readings"] == 30
+    entries = {(e["effect"], e["where"]): e for e in fields["could_not_see"]}
+    assert entries["tracker_scale", "instrument"]["minimum_detectable"] is None
+    assert "geometry" in entries["tracker_scale", "instrument"]["reason"]
+    backlash = entries["backlash", "A2"]
+    assert backlash["unit"] == "urad"
+    assert backlash["reason"] is None
+    assert 1.0 < backlash["minimum_detectable"] < 100.0
+    assert any("time_s" in e["reason"] for e in fields["not_asked"])
+    for pair in fields["look_alikes"]:
+        own = entries[pair["effect"], pair["where"]]
+        times = pair["told_apart_times"]
+        assert times is None or times > 1.0
+        assert pair["probability_at_minimum"] < fields["sure"]
+        if times is not None:
+            expected = times * own["minimum_detectable"]
+            assert pair["told_apart_from"] == pytest.approx(expected)
+
+
+def test_measurements_are_read_without_their_points(data: Path) -> None:
+    folder = data / "examples" / "one_effect"
+    done = run("diagnose", folder / "cell.toml", folder / "measurements.csv", "--plan-only")
+    assert done.exit_code == 0, done.output
+    assert "base_drift:base = tracker_drift:instrument" in done.output
+
+
+@pytest.mark.long
+def test_what_no_parameter_shows_alone_is_hidden(kr270: Cell, table_two: Poses) -> None:
+    """A rigid model: of the tip's own frame beside the markers nothing but rounding is left."""
+    effects = ("base", "tool", "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
+    found = foresee(replace(kr270, effects=effects), table_two)
+    entries = PlanResult.of(found, kr270, envelope("cell", [])).could_not_see
+    assert all((e.minimum_detectable is None) == bool(e.reason) for e in entries)
+    tip = next(e for e in entries if e.key == "link_geometry:tool0")
+    assert tip.reason is not None
+    assert tip.reason.endswith("the markers in the same way")
+
+
+def likely(name: str, where: str) -> dict[str, Any]:
+    return {"effect": name, "where": where, "probability": 0.5}
+
+
+def effect(name: str, where: str, parameters: Any = (), **more: Any) -> dict[str, Any]:
+    own = {"effect": name, "where": where, "probability": 0.9}
+    alike = {**own, "class": [own], "parameters": list(parameters), "standing": "established"}
+    return {**alike, "p_value": 1e-9, "share_of_gap": 0.5, **more}
+
+
+def one_of(*causes: tuple[str, str]) -> dict[str, Any]:
+    alike = {"class": [likely(*own) for own in causes], "standing": "one_of"}
+    return effect(*causes[0], **alike)
+
+
+def parameter(name: str, value: float, std: float | None) -> dict[str, Any]:
+    return {"name": name, "value": value, "std": std, "unit": "urad/h"}
+
+
+GAP = {
+    "floor_mm": 0.02, "fit_before_mm": 0.05, "fit_after_mm": 0.021, "heldout_before_mm": 0.052,
+    "heldout_after_mm": 0.022, "closed": 0.97, "closed_ci95": [0.94, 0.99], "unit": "mm",
+    "heldout_rose": False, "crossvalidated_before_mm": None, "crossvalidated_after_mm": None,
+    "over_time_before_mm": None, "over_time_after_mm": None,
+}  # fmt: skip
+
+
+ROSE = {**GAP, "heldout_after_mm": 0.06, "closed": -0.4, "closed_ci95": None, "heldout_rose": True}
+
+
+NOISE = {
+    "sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual", "configuration_of": None,
+    "repeatability_mm": None, "repeatability_urad": None, "configuration_mm": None,
+    "configuration_urad": None,
+}  # fmt: skip
+
+
+EMPTY = ("curves", "could_not_see", "outliers", "not_asked", "refused", "spectra")
+
+
+def rest(mm: float, kind: str, of: str, source: str) -> dict[str, Any]:
+    known = {"repeatability_mm": 0.02, "repeatability_source": source}
+    return {"mm": mm, "kind": kind, "of": of, **known}
+
+
+def diagnosed(**changed: Any) -> DiagnoseResult:
+    small = small_results()["diagnosed"]
+    entries = {
+        **small,
+        **{name: [] for name in EMPTY},
+        "verdict": "explained",
+        "noise": {**small["noise"], **NOISE},
+        "rest": rest(0.0, "none", "instrument", "assumed"),
+        "steps": None,
+        "effects": [effect("backlash", "A3", [parameter("half_width", 41.0, 1.2)])],
+        "located": [{"where": "A3", "depends_on": "approach:A3", "share_of_gap": 0.5}],
+        "gap": GAP,
+        "approach_derived": False,
+        **changed,
+    }
+    return DiagnoseResult.model_validate_json(json.dumps(entries))
+
+
+def said(page: bool = False, **changed: Any) -> str:
+    """What is said, without marks, in one line."""
+    text = render.markdown(diagnosed(**changed), page=page)
+    return " ".join(re.sub(r"[\\*`|]", "", text).split())
+
+
+def test_the_verdict_comes_first_and_the_error_next() -> None:
+    text = render.markdown(diagnosed(cell="cell"))
+    first, second, third = (" ".join(own.split()) for own in text.split("\n\n")[:3])
+    assert first == "**cell: Cause found: backlash:A3.**"
+    assert second == (
+        "Error at held-out poses: 0.0520 mm before, 0.0220 mm after; the instrument alone leaves "
+        "0.0200 mm."
+    )
+    todo = "Add the causes to the model (`--cell-out`) and identify again."
+    assert third == f"Nothing remains beyond noise. {todo}"
+    assert "from what is left; the cell states 0.00500 mm." in said()
+    assert "| held out | 0.0520 | 0.0220 | 0.0200 | 97 % (94 % to 99 %) |" in text
+    assert "| A3 | approach:A3 | 50 % | backlash |" in text
+    assert "backlash:A3 confirmed 0.90 50 % half_width 41.0 +- 1.2 urad/h" in said()
+
+
+LIKELY = effect("backlash", "A3", standing="likely")
+RIPPLE = effect("gear_ripple", "A3", standing="one_of", aliases=[30.0])
+SCATTER = rest(0.017, "scatter", "arm", "measured")
+LARGE = rest(0.31, "too_large", "model", "measured")
+FORM = rest(0.0, "structure", "model", "assumed")
+STIFF = one_of(("joint_compliance", "A2"), ("bearing_compliance", "A2"))
+DRIFT = one_of(("base_drift", "base"), ("tracker_drift", "instrument"))
+TWO = [effect("backlash", "A3"), one_of(("backlash", "A1"), ("settling", "A2"))]
+VERDICTS: list[tuple[str, dict[str, Any], str]] = [
+    ("no_gap", {"effects": []}, "No unmodelled error found: the residuals are noise."),
+    ("no_gap", {"effects": [], "rest": SCATTER}, "are noise and the arm's repeatability."),
+    ("unknown", {"effects": []}, "Unmodelled error at A3, which depends on approach:A3"),
+    ("unknown", {"effects": [], "located": []}, "neither its place nor its cause"),
+    ("unknown", {"effects": [LIKELY], "rest": LARGE},
+     "Probable cause: backlash:A3; more remains than an arm scatters by."),
+    ("explained", {"gap": ROSE}, "backlash:A3. The error at held-out poses did not fall."),
+    ("partly", {}, "Cause found: backlash:A3; something systematic remains."),
+    ("partly", {"rest": FORM}, "backlash:A3; the exact form may differ."),
+    ("ambiguous", {"effects": [LIKELY]}, "Probable cause: backlash:A3; not confirmed."),
+    ("ambiguous", {"effects": [RIPPLE]}, "gear_ripple:A3. Its cycles per turn may be others."),
+    ("ambiguous", {"effects": TWO},
+     "2 causes found: backlash:A3 and backlash:A1 or settling:A2. These data cannot tell which."),
+    ("ambiguous", {"effects": [STIFF]}, "posecal design CELL --extend DATA --poses 8 --discriminate "
+     "joint_compliance:A2,bearing_compliance:A2"),
+    ("ambiguous", {"effects": [DRIFT]}, "Correct for any of them: they act alike here."),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("verdict", "changed", "words"), VERDICTS)
+def test_every_verdict_is_a_sentence(verdict: str, changed: dict[str, Any], words: str) -> None:
+    assert words in said(verdict=verdict, **changed)
+
+
+REMAINS = [
+    ("none", "instrument", "assumed", "Nothing remains beyond noise.", ""),
+    ("scatter", "arm", "measured", "0.0170 mm remains: the arm's repeatability.",
+     "repeatability of such an arm: repeat visits show 0.0200 mm"),
+    ("scatter", "undecided", "assumed",
+     "the arm's repeatability may be the reason. Visit some poses again to be sure.",
+     "data sheets of arms of this size state at most 0.0200 mm"),
+    ("too_large", "model", "stated", "0.0170 mm remains.", "the cell states 0.0200 mm"),
+    ("structure", "model", "assumed", "0.0170 mm remains.", "no cause in the catalogue fits"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "of", "source", "first", "below"), REMAINS)
+def test_what_remains_is_said_with_whose_it_is(
+    kind: str, of: str, source: str, first: str, below: str
+) -> None:
+    result = diagnosed(rest=rest(0.017, kind, of, source))
+    _, advice, body = render.parts(render.markdown(result))
+    assert first in " ".join(advice.split())
+    assert below in " ".join(body.split())
+
+
+@pytest.mark.parametrize("places", [1, 2, 3, 6, 18])
+@pytest.mark.parametrize("verdict", ["explained", "ambiguous", "unknown"])
+def test_the_answer_is_short_however_many_causes(verdict: str, places: int) -> None:
+    kinds = ("stiffness_vs_angle", "transmission_harmonic", "backlash")
+    effects = []
+    for k in range(places):
+        alike = [likely(kinds[(k + n) % 3], f"shoulder_{k}") for n in range(1 + k % 2)]
+        effects.append(effect(kinds[k % 3], f"shoulder_{k}", **{"class": alike}))
+    remains = rest(0.017, "scatter", "undecided", "assumed")
+    of = diagnosed(cell="arm 7", verdict=verdict, effects=effects, located=[], rest=remains)
+    answer, _, _ = render.parts(render.markdown(of))
+    assert len(answer.split("\n\n")[0]) <= 200
+    assert str(places) in answer or kinds[0] in answer.replace("\\", "")
+
+
+def test_what_is_undefined_is_said_and_null_in_the_json() -> None:
+    drift = [parameter("x", 3.0, 0.1), parameter("y", 0.0, None)]
+    changed = {
+        "effects": [effect("base_drift", "base", drift, probability=None, share_of_gap=None)],
+        "located": [{"where": "base", "depends_on": "time", "share_of_gap": None}],
+    }
+    text = said(**changed)
+    assert "base_drift:base confirmed - - x 3.00 +- 0.10 urad/h; not identified: y" in text
+    again = json.loads(diagnosed(**changed).to_json(), parse_constant=pytest.fail)
+    assert again["effects"][0]["parameters"][1]["std"] is None
+
+
+def test_many_parameters_outliers_and_effects_are_summed_up() -> None:
+    many = [parameter(f"p{i}", float(i), 1.0) for i in range(30)]
+    many += [parameter(f"u{i}", 0.0, None) for i in range(9)]
+    hidden = [{**sought(f"A{i}", 10.0 * i, None), "effect": "backlash"} for i in range(1, 6)]
+    hidden += [{**sought("A6", None, None), "effect": own} for own in ("backlash", "tracker_scale")]
+    text = said(
+        effects=[effect("gravity_sag", "arm", many)],
+        outliers=[{"pose": f"p{i:03d}", "reason": "far off"} for i in range(20)],
+        could_not_see=hidden,
+    )
+    for words in (
+        "and 26 more (JSON); not identified: u0, u1, u2, u3 and 5 more",
+        "and 17 more (JSON)",
+        "backlash 10 (A1) 50 (A5) urad/(N m) A6",
+        "These poses cannot show: tracker_scale.",
+    ):
+        assert words in text
+
+
+def test_a_sentence_for_each_joint_that_a_grid_deceives() -> None:
+    line = {
+        "cycles": 100.0, "std": 0.1, "amplitude_urad": 50.0, "amplitude_std_urad": 5.0, "fall": 90.0,
+        "ratios": [50.0, 100.0], "aliases": [8.0, 28.0, 44.0, 64.0, 80.0],
+    }  # fmt: skip
+    entry = {"joint": "A2", "false_alarm": 27.0, "repeats_1_turn": 36.0, "lines": [line]}
+    clear = {**entry, "joint": "A1", "repeats_1_turn": None, "lines": [{**line, "aliases": []}]}
+    bare = {**entry, "joint": "A3", "lines": []}
+    chance = {**entry, "joint": "A4", "repeats_1_turn": None}
+    text = said(spectra=[clear, entry, bare, chance])
+    could = "100.0 cycles per turn could also be 8.0, 28.0, 44.0, 64.0 or 1 more. Vary the steps"
+    for words in (
+        f"A2 in equal steps of 10.0 deg: {could}",
+        "A3 in equal steps of 10.0 deg: gear ripples are hidden. Vary the steps",
+        f"A4: {could}",
+    ):
+        assert words in text
+    assert "A1 in equal" not in text
+    assert "A1: 100.0" not in text
+
+
+def sought(where: str, smallest: float | None, left: float | None) -> dict[str, Any]:
+    return {
+        "effect": "joint_compliance", "where": where, "minimum_detectable": smallest,
+        "unit": "urad/(N m)", "left_mm": left,
+    }  # fmt: skip
+
+
+def test_the_worst_that_could_hide_is_named() -> None:
+    entries = [sought("A2", 3.14, 0.0123), sought("A4", None, 0.002), sought("A5", 9.0, None)]
+    worst = "joint_compliance:A2 below 3.1 urad/(N m) would go unnoticed: at worst 0.0123 mm RMS"
+    assert worst in said(could_not_see=entries)
+    blind = said(could_not_see=[sought("A4", None, 0.2)])
+    assert "these poses do not show joint_compliance:A4: at worst 0.200 mm RMS" in blind
+    assert "go unnoticed" not in said(could_not_see=[sought("A5", 9.0, None)])
+    assert "go unnoticed" not in said(verdict="unknown", could_not_see=entries)

@@ -1,0 +1,198 @@
+"""The page: what is in it, what it leaves out and says so, and that it needs nothing else."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib
+import studies
+from studies.render import short
+from studies.results.identify import IdentifyResult
+from studies.results.read import read, read_as
+from tests.fuzz.small_cell import small_results
+from tests.studies.command_line import check_harmless, run
+from tests.studies.test_results import written
+
+MOST_BYTES = 400_000
+
+
+ARROW = "\N{RIGHTWARDS ARROW}"
+
+
+@pytest.fixture(scope="module")
+def html(demo_folder: Path) -> str:
+    return (demo_folder / "report.html").read_text()
+
+
+def text_of(html: str) -> str:
+    """The words of a page."""
+    plain = re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", html, flags=re.DOTALL)
+    return " ".join(unescape(re.sub(r"<[^>]*>", " ", plain)).split())
+
+
+def reported(page: Path, *words: object) -> str:
+    done = run("report", *words, "-o", page)
+    assert done.exit_code == 0, done.output
+    return text_of(page.read_text())
+
+
+def test_it_is_small_and_needs_nothing_from_outside(html: str) -> None:
+    assert len(html.encode()) <= MOST_BYTES
+    check_harmless(html)
+    assert not re.findall(r"url\((?!['\"]?#|['\"]?data:)", html)
+    assert not re.findall(r"@import|fetch\(|XMLHttpRequest|import\(", html)
+    assert "default-src 'none'" in html
+    ids = re.findall(r' id="([^"]+)"', html)
+    assert len(ids) == len(set(ids))
+    assert {ref[1:] for ref in re.findall(r'href="(#[^"]+)"', html)} <= set(ids)
+
+
+def test_the_answer_stands_first_and_figures_are_described(html: str, demo_folder: Path) -> None:
+    text, identified = text_of(html), json.loads((demo_folder / "identify.json").read_text())
+    assert f"{ARROW} {short(identified['rms_mm']['heldout'])} mm" in text[:200]
+    assert "Diagnosis: 0.0427" in text[:300]
+    assert text.index("What to do next Nothing remains beyond noise.") < text.index(
+        "Identification"
+    )
+    assert html.index("What was identified") < html.index("<details>")
+    drawn = re.findall(r"<svg [^>]*>", html)
+    assert len(drawn) >= 5
+    assert all('role="img"' in own and 'aria-label="' in own for own in drawn)
+    assert html.count("<figcaption>") == len(drawn)
+    for entry in identified["inputs"]:
+        assert entry["sha256"] in text
+
+
+def test_who_and_when(demo_folder: Path, tmp_path: Path) -> None:
+    result = tmp_path / "r.json"
+    text = reported(
+        tmp_path / "page.html", demo_folder / "identify.json", "--title", "Cell <7>", "--json", result,
+        "--operator", "R. & D.", "--date", "2026-11-21", "--instrument", "tracker 0815",
+    )  # fmt: skip
+    assert all(w in text for w in ("Cell <7>", "R. & D.", "2026-11-21", "tracker 0815"))
+    fields = json.loads(result.read_text())
+    assert (fields["command"], len(fields["inputs"])) == ("report", 1)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "word"), [("pass", "Pass"), ("fail", "Fail"), (None, "Not decided")]
+)
+def test_outcome_by_the_tolerance(verdict: str | None, word: str, tmp_path: Path) -> None:
+    largest = 0.345 if verdict else None
+    own = {"tolerance_mm": 0.2, "verdict": verdict, "largest_mm": largest}
+    about = {"serial": "R-0815", "operator": "O. <N.>", "date": "2026-03-04"}
+    path = written(
+        tmp_path,
+        "identified",
+        small_results()["identified"]
+        | {"acceptance": own, "about": about, "warnings": ["it rained"]},
+    )
+    text = reported(tmp_path / "p.html", path)
+    assert text.index(word) < text.index(ARROW)
+    assert text.index("Warning: it rained.") < text.index("What to do next")
+    assert "Tolerance 0.2 mm: " in text
+    assert all(words in text for words in about.values())
+
+
+@pytest.mark.parametrize("name", ["identified", "compensated", "diagnosed", "enough", "designed"])
+def test_every_kind_with_errors_before_and_after(name: str, tmp_path: Path) -> None:
+    path = written(tmp_path, name)
+    found = read(path).error
+    text = reported(tmp_path / "p.html", path)
+    assert (found is None) == (name == "designed")
+    assert ('class="verdict' in (tmp_path / "p.html").read_text()) == (found is not None)
+    if found is not None:
+        assert f"{found.name}, {found.ends[0]} {ARROW} {found.ends[1]}" in text
+        assert ("This is the error of the fit." in text) == (name == "diagnosed")
+
+
+@pytest.fixture
+def moved(demo_folder: Path, tmp_path: Path) -> Path:
+    """The results with their inputs in another place, where they are looked for beside them."""
+    folder = tmp_path / "moved"
+    shutil.copytree(demo_folder, folder)
+    for file in folder.glob("*.json"):
+        fields = json.loads(file.read_text())
+        for entry in fields.get("inputs", []):
+            entry["file"] = f"elsewhere/{Path(entry['file']).name}"
+        file.write_text(json.dumps(fields))
+    return folder
+
+
+def test_inputs_that_changed_or_differ_are_named(moved: Path) -> None:
+    table = moved / "measurements.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3]))
+    run("identify", moved / "cell.toml", table, "--json", moved / "fewer.json")
+    text = reported(moved / "page.html", moved / "fewer.json", moved / "diagnose.json")
+    assert "measurements.csv is another file in diagnose.json than in fewer.json" in text
+    (moved / "cell.toml").write_text((moved / "cell.toml").read_text() + "\n")
+    (moved / "kr270.urdf").unlink()
+    text = reported(moved / "page.html", moved / "identify.json")
+    assert "cell.toml is changed since: the picture of the arm is left out" in text
+    assert "not found" in text
+    assert "What was identified" in text
+
+
+def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
+    """Two tables of a session, each with p01, p02 ..: nothing is mixed up."""
+    check, result = moved / "check.csv", moved / "renamed.json"
+    check.write_text(re.sub(r"^c(\d\d)", r"p\1", check.read_text(), flags=re.M))
+    cell, table = moved / "cell.toml", moved / "measurements.csv"
+    done = run("identify", cell, table, "--holdout", check, "--json", result)
+    assert done.exit_code == 0, done.output
+    found = read_as(result, IdentifyResult)
+    poses, fields = found.by_pose, json.loads(result.read_text())
+    assert (len(poses), sum(own.heldout for own in poses)) == (46, 16)
+    for held, key in ((False, "fitted_all"), (True, "heldout")):
+        own = [pose for pose in poses if pose.heldout == held]
+        squares = sum(pose.points * pose.after**2 for pose in own)
+        rms = np.sqrt(squares / sum(pose.points for pose in own))
+        assert rms == pytest.approx(fields["rms_mm"][key], rel=1e-9)
+    hours = {(c.pose, c.heldout): c.variables["time [h]"] for c in found.conditions}
+    assert hours["p01_free", True] > hours["p01_free", False]
+
+
+def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
+    path = moved / "identify.json"
+    fields = json.loads(path.read_text())
+    for row in fields["residuals"]:
+        row |= {axis: 1e3 * row[axis] for axis in ("x_mm", "y_mm", "z_mm")}
+    fields["expected"]["model_mm"] = 0.0  # a systematic error would be the cause
+    path.write_text(json.dumps(fields))
+    text = reported(moved / "page.html", path)
+    assert "What to do next Do not use this model." in text
+    assert 'class="verdict fail"' in (moved / "page.html").read_text()
+
+
+def test_results_from_python(demo_folder: Path, tmp_path: Path) -> None:
+    """The same object as the command's: text, table, JSON, and a page in a line."""
+    cell = calib.load_cell(demo_folder / "cell.toml")
+    data = calib.load_measurements(cell, demo_folder / "measurements.csv")
+    found = calib.identify(cell, data, heldout=0.3)
+    result = studies.result_of(cell, found)
+    done = run("identify", cell.path, demo_folder / "measurements.csv", "--holdout", "0.3",
+               "--json", tmp_path / "i.json")  # fmt: skip
+    assert result.summary() in done.output
+    assert repr(result) == result.summary()
+    ours, theirs = json.loads(result.to_json()), json.loads((tmp_path / "i.json").read_text())
+    assert {k for k in ours if ours[k] != theirs[k]} <= {"inputs", "holdout"}
+    studies.page(result, operator="N. N.").write(tmp_path / "x.html")
+    text = text_of((tmp_path / "x.html").read_text())
+    assert "operator N. N." in text
+    assert "<h2>" in result._repr_html_()
+    value, std = found["geometry:A2.x"]
+    entry = next(p for p in ours["parameters"] if p["id"] == "geometry:A2.x")
+    assert (value * 1e6, std * 1e6) == pytest.approx((entry["value"], entry["std"]))
+    with pytest.raises(
+        calib.CalibError, match=r"no parameter 'geometry:A2\.w'; there is geometry:A2"
+    ):
+        found["geometry:A2.w"]
+    with pytest.raises(calib.CalibError, match="found is a Cell; give one of"):
+        studies.result_of(cell, cell)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 
@@ -28,10 +28,21 @@ if TYPE_CHECKING:
 
 Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
-Data: TypeAlias = Measurements | Motions | str | Path
-"""Measurements, motions, or their file."""
+Data: TypeAlias = Measurements | str | Path
+"""Measurements, or their file; from a file of motions the result is that of motions."""
 
 
+@overload
+def identify(
+    cell: Cell,
+    data: Motions,
+    *,
+    heldout: Motions | str | Path | float | None = None,
+    rng: np.random.Generator | int = 0,
+) -> MotionDiagnosis: ...
+
+
+@overload
 def identify(
     cell: Cell,
     data: Data,
@@ -39,49 +50,82 @@ def identify(
     heldout: Data | float | None = None,
     rng: np.random.Generator | int = 0,
     **options: Any,
-) -> Identification:
+) -> Identification: ...
+
+
+def identify(
+    cell: Cell,
+    data: Any,
+    *,
+    heldout: Any = None,
+    rng: np.random.Generator | int = 0,
+    **options: Any,
+) -> Identification | MotionDiagnosis:
     """Estimate the effects that the cell's model contains.
 
-    heldout : measurements that take no part in the estimate and are predicted with it; or the share of
-        the configurations that is set aside, drawn by ``rng``
+    data : measurements of poses, or motions; or their file
+    heldout : what takes no part in the estimate and is predicted with it; or the share of the
+        configurations, or of the runs, that is set aside, drawn by ``rng``
     options : approach, method, weighting, length, of :func:`calib.identification.identify.identify`
 
     Raises CalibError, naming the argument, for what is no measurement of this cell; and what that does.
     """
-    from calib.identification.identify import identify as estimate
-
     if _of_motions(data):
         from calib.motion.diagnose import identify_motions
 
-        return cast("Identification", identify_motions(cell, *_runs(cell, data, heldout, rng)))
+        runs, apart = _runs(cell, data, heldout, rng)
+        return identify_motions(cell, runs, heldout=apart)
+    from calib.identification.identify import identify as estimate
+
     kept, held = _parts(cell, data, heldout, rng)
     return estimate(cell, kept, heldout=held, **options)
 
 
+@overload
+def diagnose(
+    cell: Cell,
+    data: Motions,
+    *,
+    heldout: Motions | str | Path | float | None = None,
+    rng: np.random.Generator | int = 0,
+) -> MotionDiagnosis: ...
+
+
+@overload
 def diagnose(
     cell: Cell,
     data: Data,
     *,
     heldout: Data | float | None = None,
     rng: np.random.Generator | int = 0,
-) -> Diagnosis:
+) -> Diagnosis: ...
+
+
+def diagnose(
+    cell: Cell,
+    data: Any,
+    *,
+    heldout: Any = None,
+    rng: np.random.Generator | int = 0,
+) -> Diagnosis | MotionDiagnosis:
     """Where the gap lies, which effects cause it, and how far it shrinks.
 
-    heldout, rng : as for :func:`identify`
+    data, heldout, rng : as for :func:`identify`
 
     Raises CalibError as :func:`identify` does.
     """
-    from calib.diagnosis.diagnose import diagnose as explain
-
     if _of_motions(data):
         from calib.motion.diagnose import diagnose_motions
 
-        return cast("Diagnosis", diagnose_motions(cell, *_runs(cell, data, heldout, rng)))
+        runs, apart = _runs(cell, data, heldout, rng)
+        return diagnose_motions(cell, runs, heldout=apart)
+    from calib.diagnosis.diagnose import diagnose as explain
+
     kept, held = _parts(cell, data, heldout, rng)
     return explain(cell, kept, heldout=held)
 
 
-def _of_motions(data: Data | Motions) -> bool:
+def _of_motions(data: object) -> bool:
     """Whether data, or their file, are motions."""
     from calib.files.motions import holds_motions
 

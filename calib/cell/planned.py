@@ -13,7 +13,6 @@ from pydantic import BeforeValidator, Field
 from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
 from calib.instruments.protocol import TIP
-from calib.motion.filtering import CUTOFF
 from calib.keys import (
     DEG,
     MM,
@@ -36,6 +35,7 @@ from calib.keys import (
     key,
     times,
 )
+from calib.motion.filtering import CUTOFF
 from calib.poses import Poses
 
 

@@ -21,7 +21,6 @@ from calib.instruments.camera import CameraTable
 from calib.instruments.keys_table import BodyTable, KeysTable, RidingTable
 from calib.instruments.protocol import TIP, WORLD
 from calib.instruments.tracker import TrackerTable
-from calib.motion.filtering import CUTOFF
 from calib.keys import (
     DEG,
     MM,
@@ -45,6 +44,7 @@ from calib.keys import (
     plain,
     times,
 )
+from calib.motion.filtering import CUTOFF
 
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = KeysTable

@@ -29,8 +29,8 @@ from calib.instruments.protocol import TIP, WORLD
 from calib.instruments.riding import corners_of
 from calib.instruments.socket import joined_sockets
 from calib.keys import DEG, MM
-from calib.motion.effects import parted
 from calib.model.build import context_of, parse_effect, parse_excluded
+from calib.motion.effects import parted
 
 _UNKNOWN = 3 * (np.nan,)
 _ROUNDED = 1e-9  # rad or m

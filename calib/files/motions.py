@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arrays import Array, Mask
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import column_of, joint_columns, titles, units_of
@@ -182,13 +182,14 @@ def _checked(path: Path, run: Run, lines: Array) -> tuple[list[Run], list[str]]:
     moving = np.concatenate([[False], (np.abs(np.diff(run.q, axis=0)) > 0.0).any(axis=1)])
     if moving.any() and repeated[moving.argmax() :].mean() > _TWICE and _steady(repeated, moving):
         said.append(
-            f"{path}: session {run.name}: rows stand twice, as logged faster than measured; each counts once"
+            f"{path}: session {run.name}: every row stands twice, logged faster than measured; "
+            "each counts once"
         )
         good &= ~repeated
     run = _taken(run, good)
     if said_rate := _two_rates(run):
         said.append(f"{path}: session {run.name} {said_rate}")
-    found = []
+    found = list[Run]()
     for piece in np.split(np.arange(len(run)), np.flatnonzero(np.diff(run.time) > _BREAK) + 1):
         part = _taken(run, piece)
         if len(part) < _FEWEST:
@@ -221,7 +222,7 @@ def _two_rates(run: Run) -> str:
     )
 
 
-def _taken(run: Run, index: Array | Mask) -> Run:
+def _taken(run: Run, index: IntArray | Mask) -> Run:
     parts = (None if own is None else own[index] for own in (run.command, run.link))
     return Run(run.name, run.time[index], run.q[index], run.effort[index], *parts)
 
@@ -231,7 +232,8 @@ def _refuse_unsigned(path: Path, runs: Sequence[Run]) -> None:
     effort = np.concatenate([run.effort for run in runs])
     step = np.concatenate([np.diff(run.q, axis=0) for run in runs])
     both_ways = (step > 0).any(axis=0) & (step < 0).any(axis=0)
-    never = ((effort >= 0.0).all(axis=0) & (effort > 0.0).any(axis=0))[both_ways]
+    positive = (effort >= 0.0).all(axis=0) & (effort > 0.0).any(axis=0)
+    never: Mask = np.asarray(positive)[both_ways]
     if len(never) and never.mean() >= _UNSIGNED:
         what = "torques, or currents, are never negative though the joints move both ways"
         raise InputError(path, "", what, "log them with their sign")

@@ -276,7 +276,7 @@ class Tree:
 def gathered(
     count: int, weights: Sequence[Weight], places: dict[str, Place]
 ) -> tuple[Array, Array, Array]:
-    """Masses (n,), centres of mass (n, 3) and inertias about them (n, 3, 3) of what each joint carries."""
+    """Mass, centre of mass and inertia about it of what each joint carries: (n,), (n, 3), (n, 3, 3)."""
     masses, moments, about = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
     for weight in weights:
         k, T = places.get(weight.link, (0, np.eye(4)))

@@ -24,6 +24,8 @@ LEAST = 0.04
 ALPHA = 0.05
 DELAY = "torque_delay"
 _RIDGES = (1e1, 1e2, 1e3, 1e4)
+_ALIKE = 1.005  # times the squared error of the best ridge
+_OF_LINKS = (SCALE, "spring", "torque_offset")  # terms that other links may stand for
 _ROUNDS = 3
 _MOST = 12  # removals and newcomers of one round
 
@@ -119,7 +121,7 @@ class Contest:
         A = A / size[:, :, None] / size[:, None, :] + 1e-10 * np.eye(A.shape[-1])
         b = np.linalg.solve(A, rhs / size[..., None]) / size[..., None]
         c = y - (L @ b)[..., 0]
-        return np.maximum(np.einsum("rk,rkl,rl->r", c, G, c, optimize=True), 0.0)
+        return np.asarray(np.maximum(np.einsum("rk,rkl,rl->r", c, G, c, optimize=True), 0.0))
 
     def of_joint(self, joint: int, model: MotionModel) -> Array:
         """The same with the terms of another model."""
@@ -252,7 +254,9 @@ def _freed(state: Contest, model: MotionModel, inertials: Inertials) -> Contest:
     """The state with inertials free, by the ridge that predicts best."""
     models = [replace(model, inertials=inertials, ridge=ridge) for ridge in _RIDGES]
     found = [Contest.of(state.products, model, state.weights) for model in models]
-    return min(found, key=lambda own: float(own.pooled.sum()))
+    best = min(float(own.pooled.sum()) for own in found)
+    # The weakest of those that predict alike: a strong one biases what other terms then mend.
+    return next(own for own in found if float(own.pooled.sum()) < _ALIKE * best)
 
 
 def members(state: Contest, question: Question) -> Iterator[tuple[str, int]]:
@@ -264,9 +268,9 @@ def members(state: Contest, question: Question) -> Iterator[tuple[str, int]]:
 
 def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence]:
     """Evidence for every member, alone and over all joints of its kind."""
-    found, kinds = {}, {}
+    found, kinds = dict[tuple[str, int], Evidence](), dict[str, list[tuple[int, Array]]]()
     for kind, j in members(state, question):
-        without = state.of_joint(j, taken(state.model, j, kind))
+        without = _without(state, kind, j)
         found[kind, j] = state.evidence(without, state.of_joint(j, state.model))
         kinds.setdefault(kind, []).append((j, without))
     shown = {}
@@ -286,6 +290,14 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
             if not (alone or by_kind):
                 shown[kind, j] = Evidence(own.gain, max(own.p, ALPHA))
     return _clocks(state, shown)
+
+
+def _without(state: Contest, kind: str, j: int) -> Array:
+    """Squared error (r,) of a joint without a kind; links that may stand for it are found anew."""
+    model = taken(state.model, j, kind)
+    if kind in _OF_LINKS and state.model.inertials != "none":
+        return np.asarray(Contest.of(state.products, model, state.weights).squares[:, j])
+    return state.of_joint(j, model)
 
 
 def _clocks(

@@ -12,7 +12,6 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import CalibError, UnknownEffect
-from calib.motion.stretches import correlation_time_of
 from calib.motion.contest import (
     ALPHA,
     LEAST,
@@ -29,15 +28,18 @@ from calib.motion.effects import EFFECTS, INERTIALS, KINDS, NAMES, PAYLOAD, SCAL
 from calib.motion.encoders import GearFit, gear_fits
 from calib.motion.fit import MotionFit, MotionModel, fit, sizes_of
 from calib.motion.gram import Products, products
-from calib.motion.motions import Motions
+from calib.motion.motions import Motions, Unit
 from calib.motion.regressor import PER_LINK
+from calib.motion.stretches import correlation_time_of
 
+Verdict = Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
 Standing = Literal["established", "likely", "one_of"]
 LADDER: tuple[tuple[str, ...], ...] = (
-    (SCALE, "torque_offset"),
+    ("torque_offset",),
     ("coulomb_friction", "viscous_friction"),
     ("armature",),
     (INERTIALS,),
+    (SCALE,),
     ("pre_sliding",),
     ("load_friction",),
     ("stribeck_friction",),
@@ -131,7 +133,7 @@ class MotionDiagnosis:
     """
 
     cell: Cell
-    verdict: str
+    verdict: Verdict
     causes: tuple[MotionCause, ...]
     fitted: TorqueGap
     crossed: TorqueGap
@@ -141,7 +143,7 @@ class MotionDiagnosis:
     hidden: tuple[UnseenTerm, ...]
     runs: tuple[str, ...]
     blocks: bool
-    unit: str
+    unit: Unit
     constants: Array | None
     gears: tuple[GearFit, ...]
     state: Contest
@@ -172,7 +174,7 @@ def diagnose_motions(
 def identify_motions(
     cell: Cell, motions: Motions, *, heldout: Motions | None = None
 ) -> MotionDiagnosis:
-    """Estimate the terms that the cell's model contains, and none beside; a diagnosis without a contest.
+    """Estimate the terms that the cell's model contains, and none beside.
 
     Raises as :func:`diagnose_motions`; CalibError where the model names no term of a torque.
     """
@@ -286,7 +288,7 @@ def _concluded(
     )
 
 
-def _verdict(causes: Sequence[MotionCause], rest: str) -> str:
+def _verdict(causes: Sequence[MotionCause], rest: str) -> Verdict:
     standing = {cause.standing for cause in causes}
     if not causes:
         return "no_gap" if rest == "none" else "unknown"
@@ -371,7 +373,7 @@ def _parameters(state: Contest, whole: MotionFit, kind: str, j: int) -> tuple[Mo
             each = enumerate(EFFECTS[name].unknowns, begin)
             found = [_jackknifed(u[0], u[1], whole.b[j][i], [own.b[j][i] for own in state.fits])
                      for i, u in each]  # fmt: skip
-            if len(EFFECTS[name].variants) > 1:
+            if name == "pre_sliding":
                 found.append(
                     MotionParameter("distance", "rad", 1.0 / variant, np.nan, np.nan, np.nan)
                 )

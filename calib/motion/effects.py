@@ -13,7 +13,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.motion.filtering import SLOW, Samples
 
@@ -21,50 +20,62 @@ _DISTANCES = (300.0, 1e3, 3e3, 1e4, 3e4)  # 1/rad
 
 
 @dataclass(frozen=True, eq=False)
-class MotionState:
-    """What columns may depend on.
+class JointMotion:
+    """What the columns of a joint may depend on.
 
-    rigid : ndarray, shape (m, n), N m or N, torque of the links as the robot's file has them
-    ratio : dict, joint -> turns of the motor for one of the joint, where the cell states it
+    q, v, a : ndarray, shape (m,), rad or m, and per second; slope : of the effort, a second
+    rigid : ndarray, shape (m,), N m or N, torque of the links as the robot's file has them
+    ratio : float, turns of the motor for one of the joint; NaN where the cell does not state it
     """
 
-    robot: Robot
-    samples: Samples
+    q: Array
+    v: Array
+    a: Array
+    slope: Array
     rigid: Array
-    ratios: dict[str, float]
+    ratio: float = np.nan
 
-    def sign(self, joint: int) -> Array:
-        """Direction of motion, shape (m,), smooth about standstill."""
-        return np.asarray(np.tanh(self.samples.v[:, joint] / SLOW))
+    @classmethod
+    def of(cls, samples: Samples, rigid: Array, joint: int, ratio: float = np.nan) -> JointMotion:
+        """Of one joint; rigid : ndarray, shape (m, n)."""
+        q, v, a, slope, torque = (
+            own[:, joint] for own in (samples.q, samples.v, samples.a, samples.slope, rigid)
+        )
+        return cls(q, v, a, slope, torque, ratio)
+
+    def sign(self, width: float = SLOW) -> Array:
+        """Direction of motion, shape (m,), smooth within a speed about standstill, rad/s or m/s."""
+        return np.asarray(np.tanh(self.v / width))
 
 
+@dataclass(frozen=True)
 class MotionEffect(ABC):
     """A term of the torque of one joint, linear in its parameters.
 
+    variant : float, value of what is not linear, of which the best of ``variants`` is chosen
     unknowns : names of the parameters and their units where the joint turns and the effort is a torque
-    variants : values of what is not linear, of which the best is chosen
+    geared : whether it acts only where the gear's ratio is stated
+    sharp : whether it jumps where the effort does, so that its columns go through the effort's filter
     imitates : kinds that may look alike
     mjcf, urdf : attribute of a joint that holds it, empty where none does
     """
 
+    variant: float = 0.0
     kind: ClassVar[str]
     unknowns: ClassVar[tuple[tuple[str, str], ...]]
     variants: ClassVar[tuple[float, ...]] = (0.0,)
+    geared: ClassVar[bool] = False
+    sharp: ClassVar[bool] = False
     imitates: ClassVar[tuple[str, ...]] = ()
     mjcf: ClassVar[str] = ""
     urdf: ClassVar[str] = ""
 
-    @classmethod
-    def acts(cls, robot: Robot, ratios: dict[str, float], joint: int) -> bool:
-        """Whether it can act at a joint."""
-        return True
-
-    @staticmethod
     @abstractmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
+    def columns(self, joint: JointMotion) -> Array:
         """D torque / d parameter, shape (m, k), SI."""
 
 
+@dataclass(frozen=True)
 class TorqueOffset(MotionEffect):
     """A constant torque, or current, of the sensor."""
 
@@ -72,24 +83,26 @@ class TorqueOffset(MotionEffect):
     unknowns = (("offset", "Nm"),)
     imitates = ("spring", "inertials")
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return np.ones((len(state.samples), 1))
+    def columns(self, joint: JointMotion) -> Array:
+        return np.ones((len(joint.q), 1))
 
 
+@dataclass(frozen=True)
 class CoulombFriction(MotionEffect):
     """Friction that only the direction of motion decides."""
 
     kind = "coulomb_friction"
+    sharp = True
     unknowns = (("friction", "Nm"),)
+    variants = (SLOW, 0.1 * SLOW)
     imitates = ("pre_sliding", "load_friction")
     mjcf, urdf = "frictionloss", "friction"
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return state.sign(joint)[:, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return joint.sign(self.variant)[:, None]
 
 
+@dataclass(frozen=True)
 class ViscousFriction(MotionEffect):
     """Friction in proportion to speed."""
 
@@ -98,24 +111,24 @@ class ViscousFriction(MotionEffect):
     imitates = ("stribeck_friction",)
     mjcf, urdf = "damping", "damping"
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return state.samples.v[:, joint, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return joint.v[:, None]
 
 
+@dataclass(frozen=True)
 class StribeckFriction(MotionEffect):
     """Friction with the square root of speed: what bends its curve at low speed."""
 
     kind = "stribeck_friction"
+    sharp = True
     unknowns = (("friction", "Nm s^0.5/rad^0.5"),)
     imitates = ("viscous_friction", "coulomb_friction")
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        speed = np.abs(state.samples.v[:, joint])
-        return (state.sign(joint) * np.sqrt(speed))[:, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return (joint.sign() * np.sqrt(np.abs(joint.v)))[:, None]
 
 
+@dataclass(frozen=True)
 class PreSliding(MotionEffect):
     """Friction that builds up over a distance after each reversal (Dahl, 1968).
 
@@ -123,13 +136,13 @@ class PreSliding(MotionEffect):
     """
 
     kind = "pre_sliding"
+    sharp = True
     unknowns = (("friction", "Nm"),)
     variants = _DISTANCES
     imitates = ("coulomb_friction", "torque_delay")
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return presliding(state.samples.q[:, joint], variant)[:, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return presliding(joint.q, self.variant)[:, None]
 
 
 def presliding(q: Array, sigma: float) -> Array:
@@ -145,18 +158,20 @@ def presliding(q: Array, sigma: float) -> Array:
     return z
 
 
+@dataclass(frozen=True)
 class LoadFriction(MotionEffect):
     """Friction that grows with the torque that the gear transmits."""
 
     kind = "load_friction"
+    sharp = True
     unknowns = (("share", "Nm/Nm"),)
     imitates = ("coulomb_friction", "torque_scale")
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return (np.abs(state.rigid[:, joint]) * state.sign(joint))[:, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return (np.abs(joint.rigid) * joint.sign())[:, None]
 
 
+@dataclass(frozen=True)
 class Armature(MotionEffect):
     """Inertia of the rotor, seen through the gear."""
 
@@ -165,11 +180,11 @@ class Armature(MotionEffect):
     imitates = ("inertials",)
     mjcf = "armature"
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return state.samples.a[:, joint, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return joint.a[:, None]
 
 
+@dataclass(frozen=True)
 class Spring(MotionEffect):
     """A torque that the angle of the joint decides: a spring, a cable, a counterbalance."""
 
@@ -177,28 +192,24 @@ class Spring(MotionEffect):
     unknowns = (("sin", "Nm"), ("cos", "Nm"))
     imitates = ("inertials", "torque_offset")
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        q = state.samples.q[:, joint]
-        return np.column_stack([np.sin(q), np.cos(q)])
+    def columns(self, joint: JointMotion) -> Array:
+        return np.column_stack([np.sin(joint.q), np.cos(joint.q)])
 
 
+@dataclass(frozen=True)
 class TorqueRipple(MotionEffect):
     """A torque that repeats with each turn of the motor, and twice in it."""
 
     kind = "torque_ripple"
+    geared = True
     unknowns = (("cos_1", "Nm"), ("sin_1", "Nm"), ("cos_2", "Nm"), ("sin_2", "Nm"))
 
-    @classmethod
-    def acts(cls, robot: Robot, ratios: dict[str, float], joint: int) -> bool:
-        return robot.joints[joint] in ratios
-
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        turned = state.ratios[state.robot.joints[joint]] * state.samples.q[:, joint]
+    def columns(self, joint: JointMotion) -> Array:
+        turned = joint.ratio * joint.q
         return np.column_stack([f(n * turned) for n in (1, 2) for f in (np.cos, np.sin)])
 
 
+@dataclass(frozen=True)
 class TorqueDelay(MotionEffect):
     """Torques that are stamped later than angles."""
 
@@ -206,9 +217,8 @@ class TorqueDelay(MotionEffect):
     unknowns = (("delay", "s"),)
     imitates = ("pre_sliding",)
 
-    @staticmethod
-    def columns(state: MotionState, joint: int, variant: float) -> Array:
-        return -state.samples.slope[:, joint, None]
+    def columns(self, joint: JointMotion) -> Array:
+        return -joint.slope[:, None]
 
 
 KINDS: tuple[type[MotionEffect], ...] = (

@@ -1,4 +1,4 @@
-"""What a second encoder, behind the gear, says of each gear: its clock, its compliance, its lost motion.
+"""What a second encoder, behind the gear, says of its clock, its compliance and its lost motion.
 
     link - motor = constant of the run + delay v + compliance torque + half_width z(q)
 

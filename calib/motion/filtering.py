@@ -28,6 +28,7 @@ class Samples:
     effort, slope : ndarray, shape (m, n), N m, N or A, and a second
     beyond : ndarray, shape (m, n), value behind the gear less that before it, or None
     noise : ndarray, shape (n,), deviation of white noise of the effort that passes the filter
+    sos : the filter
     """
 
     name: str
@@ -38,10 +39,17 @@ class Samples:
     effort: Array
     slope: Array
     noise: Array
+    sos: Array
     beyond: Array | None = None
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def smoothed(self, columns: Array) -> Array:
+        """Columns (m, k) through the filter of all channels."""
+        from scipy.signal import sosfiltfilt
+
+        return np.asarray(sosfiltfilt(self.sos, columns, axis=0, padlen=min(30, len(columns) - 1)))
 
 
 def filtered(run: Run, cutoff: float = CUTOFF) -> Samples:
@@ -79,6 +87,7 @@ def filtered(run: Run, cutoff: float = CUTOFF) -> Samples:
         effort[kept],
         torque(time, 1)[kept],
         noise,
+        sos,
         None if beyond is None else beyond[kept],
     )
 

@@ -66,14 +66,14 @@ class MotionFit:
         """Sum of squared residuals of every run and joint, shape (r, n)."""
         G = products.moving if moving else products.G
         c = self.combination
-        return np.maximum(np.einsum("jk,rjkl,jl->rj", c, G, c, optimize=True), 0.0)
+        return np.asarray(np.maximum(np.einsum("jk,rjkl,jl->rj", c, G, c, optimize=True), 0.0))
 
 
 def sizes_of(products: Products) -> Array:
     """Plausible changes of inertials, shape (10 n,): of masses m, first moments m L, inertias m L^2."""
     robot = products.robot
     masses = np.maximum(robot.masses, 0.05 * max(float(robot.masses.max(initial=0.0)), 1.0))
-    L = max(robot.reach / robot.dof, 0.05)
+    L = max(float(robot.reach) / robot.dof, 0.05)
     each = np.array([1.0, *[L] * 3, *[L**2] * 6])
     return np.asarray((masses[:, None] * each).ravel())
 
@@ -81,7 +81,7 @@ def sizes_of(products: Products) -> Array:
 def chosen(products: Products, inertials: Inertials) -> IntArray:
     """Places of the inertials that are free."""
     whole = np.arange(products.columns.inertials)
-    return {"none": whole[:0], "payload": whole[-PER_LINK:], "inertials": whole}[inertials]
+    return whole[{"none": len(whole), "payload": -PER_LINK, "inertials": 0}[inertials] :]
 
 
 def fit(
@@ -162,10 +162,9 @@ def _step(
 def _inverse(A: Array) -> Array:
     """Of a scaled normal matrix, columns that nothing moves left at zero."""
     size = np.sqrt(np.diag(A))
-    size = np.where(size > 0.0, size, np.inf)
-    return np.linalg.pinv(A / np.outer(size, size), rcond=_TINY, hermitian=True) / np.outer(
-        size, size
-    )
+    outer = np.outer(size, size)
+    outer = np.where(outer > 0.0, outer, np.inf)
+    return np.asarray(np.linalg.pinv(A / outer, rcond=_TINY, hermitian=True) / outer)
 
 
 def rigid_torque(products: Products, x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Products of all columns, run by run and joint by joint: every fit, fold and error follows from them."""
+"""Products of all columns by run and joint: every fit, fold and error follows from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import steiner, transformed
 from calib.arm.statics import Payload
 from calib.arrays import Array, IntArray
-from calib.motion.effects import MotionEffect, MotionState
+from calib.motion.effects import JointMotion, MotionEffect
 from calib.motion.filtering import CUTOFF, SLOW, Samples, filtered
 from calib.motion.motions import Motions
 from calib.motion.regressor import PER_LINK, nominal_inertials, regressor
@@ -82,7 +82,7 @@ class Products:
     @property
     def folds(self) -> list[int]:
         """What is left out in turn."""
-        return np.unique(self.fold).tolist()
+        return [int(f) for f in np.unique(self.fold)]
 
     @property
     def in_stretches(self) -> bool:
@@ -109,12 +109,12 @@ def columns_of(
     for joint in range(robot.dof):
         at, own = begin, {}
         for kind in kinds:
-            if kind.acts(robot, dict(ratios), joint):
+            if not kind.geared or robot.joints[joint] in ratios:
                 for variant in kind.variants:
                     own[kind.kind, variant] = slice(at, at + len(kind.unknowns))
                     at += len(kind.unknowns)
         terms.append(own)
-    width = max((max((s.stop for s in own.values()), default=begin) for own in terms)) + 1
+    width = max(max((s.stop for s in own.values()), default=begin) for own in terms) + 1
     return Columns(inertials, tuple(terms), width)
 
 
@@ -142,9 +142,9 @@ def products(
         for j, losses in enumerate(robot.losses.tolist()):
             for kind, loss in zip(_LOSSES, losses, strict=True):
                 if loss:
-                    nominal[j, columns.of(j, (kind, 0.0))] += loss
+                    nominal[j, columns.of(j, columns.variants(j, kind)[-1])] += loss
     by_kind = {kind.kind: kind for kind in kinds}
-    parts, names, fold = [], [], []
+    parts, names, fold = list[tuple[Array, ...]](), list[str](), list[int]()
     for run in motions.runs:
         samples = filtered(run, cutoff)
         if not len(samples):
@@ -193,7 +193,9 @@ def _products(
         return regressor(robot, samples.q[own], samples.v[own], samples.a[own], gravity)
 
     rigid = np.concatenate([rows(i, i + _CHUNK) @ links for i in chunks])
-    local = _terms(MotionState(robot, samples, rigid, ratios), columns, kinds)
+    joints = [JointMotion.of(samples, rigid, j, ratios.get(name, np.nan))
+              for j, name in enumerate(robot.joints)]  # fmt: skip
+    local = _terms(joints, samples, columns, kinds)
     for first, last in pairwise(edges):
         G, moving = np.zeros((2, n, K, K))
         counts, moved = np.zeros((2, n))
@@ -209,15 +211,20 @@ def _products(
 
 
 def _terms(
-    state: MotionState, columns: Columns, kinds: Mapping[str, type[MotionEffect]]
+    joints: Sequence[JointMotion],
+    samples: Samples,
+    columns: Columns,
+    kinds: Mapping[str, type[MotionEffect]],
 ) -> list[Array]:
     """Columns of all terms of each joint, and its effort, (m, K - 10 n)."""
     found = []
-    for j, terms in enumerate(columns.terms):
-        own = np.zeros((len(state.samples), columns.width - columns.inertials))
+    for j, (joint, terms) in enumerate(zip(joints, columns.terms, strict=True)):
+        own = np.zeros((len(samples), columns.width - columns.inertials))
         for (kind, variant), place in terms.items():
             at = slice(place.start - columns.inertials, place.stop - columns.inertials)
-            own[:, at] = kinds[kind].columns(state, j, variant)
-        own[:, -1] = state.samples.effort[:, j]
+            found_columns = kinds[kind](variant).columns(joint)
+            sharp = kinds[kind].sharp
+            own[:, at] = samples.smoothed(found_columns) if sharp else found_columns
+        own[:, -1] = samples.effort[:, j]
         found.append(own)
     return found

@@ -6,11 +6,12 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.cell import Cell
-from calib.motion.effects import EFFECTS, MotionState
+from calib.motion.effects import EFFECTS, JointMotion
 from calib.motion.filtering import filtered
 from calib.motion.motions import Motions
 from calib.motion.regressor import nominal_inertials, regressor
 
+_DISTANCE = 1e3  # 1/rad, of pre-sliding
 _SHORTEST = 0.2  # s
 _USUAL = ("torque_offset", "coulomb_friction", "viscous_friction", "armature", "pre_sliding")
 
@@ -23,19 +24,18 @@ def correlation_time_of(cell: Cell, motions: Motions) -> float:
         if not len(samples):
             continue
         Y = regressor(cell.robot, samples.q, samples.v, samples.a, cell.gravity)
-        state = MotionState(cell.robot, samples, Y @ nominal_inertials(cell.robot).ravel(), {})
+        rigid = Y @ nominal_inertials(cell.robot).ravel()
         for j in range(cell.robot.dof):
-            terms = [EFFECTS[kind].columns(state, j, 1e3) for kind in _USUAL]
-            X = np.column_stack([state.rigid[:, j], *terms])
-            left = (
-                samples.effort[:, j] - X @ np.linalg.lstsq(X, samples.effort[:, j], rcond=None)[0]
-            )
+            joint, effort = JointMotion.of(samples, rigid, j), samples.effort[:, j]
+            terms = [EFFECTS[kind](_DISTANCE).columns(joint) for kind in _USUAL]
+            X = np.column_stack([joint.rigid, *terms])
+            left = effort - X @ np.linalg.lstsq(X, effort, rcond=None)[0]
             times.append(correlation_time(left) * run.step)
     return max(float(np.median(times)), _SHORTEST) if times else _SHORTEST
 
 
 def correlation_time(x: Array) -> float:
-    """Steps that count as one independent value, of a series (m,): ``1 + 2 sum rho`` to its first zero."""
+    """Steps of a series (m,) that are worth one: ``1 + 2 sum rho`` up to its first zero."""
     x = x - x.mean()
     size = 2 ** int(np.ceil(np.log2(2 * len(x))))
     power = np.abs(np.fft.rfft(x, size)) ** 2

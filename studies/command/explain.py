@@ -15,7 +15,7 @@ from studies.kinds import KINDS
 
 PAGES = (
     "words", "cell", "columns", "robots", "instruments", "camera", "effects", "design", "constraints",
-    "uncertainty", "diagnosis", "commands", "python", "limits",
+    "uncertainty", "diagnosis", "motions", "commands", "python", "limits",
 )  # fmt: skip
 """Names of the pages in the order in which one needs them."""
 

@@ -1,4 +1,4 @@
-"""``diagnose`` and ``identify`` of motions: which terms the torques need, and how far the error falls."""
+"""``diagnose`` and ``identify`` of motions: the terms that the torques need."""
 
 from __future__ import annotations
 
@@ -232,7 +232,9 @@ class MotionResult(Result):
                     joint=own.joint,
                     values=tuple(
                         GearValue(name=name, value=value, std=std, unit=unit)
-                        for name, value, std, unit in zip(NAMES, own.values, own.std, UNITS, strict=True)
+                        for name, value, std, unit in zip(
+                            NAMES, own.values, own.std, UNITS, strict=True
+                        )
                     ),
                     before_urad=own.before * 1e6,
                     after_urad=own.after * 1e6,

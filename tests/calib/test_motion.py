@@ -1,0 +1,304 @@
+"""Motions: the regressor against MuJoCo, terms of the torque that MuJoCo put in, and real arms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import calib
+from calib import Cell
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.errors import InputError
+from calib.files.motions import holds_motions, load_motions
+from calib.motion.diagnose import MotionDiagnosis, TorqueGap, diagnose_motions
+from calib.motion.effects import KINDS, JointMotion, presliding
+from calib.motion.filtering import filtered
+from calib.motion.motions import Motions, Run
+from calib.motion.regressor import nominal_inertials, regressor
+from studies.research.bench import data_folder
+from studies.results.motion import MotionResult
+
+ARM = """<mujoco model="arm"><option gravity="0.3 -0.2 -9.7"/><worldbody><body name="base">
+<body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1" {j1}/>
+<inertial pos=".02 .01 .1" mass="8" diaginertia=".1 .12 .08" euler="10 20 30"/>
+<body name="b" pos=".1 0 .1" euler="90 0 0"><joint name="j2" axis="0 0 1" {j2}/>
+<inertial pos=".2 .01 0" mass="{mass}" diaginertia=".05 .2 .2"/>
+<body name="c" pos=".4 0 0"><joint name="j3" type="{third}" axis="1 0 0" {j3}/>
+<inertial pos=".1 .03 .02" mass="3" diaginertia=".01 .05 .05"/>
+<body name="d" pos=".3 0 0"><joint name="j4" axis="0 1 0" {j4}/>
+<inertial pos=".05 .0 .03" mass="1" diaginertia=".004 .003 .004"/><site name="tip" pos=".1 0 0"/>
+</body></body></body></body></body></worldbody></mujoco>"""
+PLAIN = {"j1": "", "j2": "", "j3": "", "j4": "", "mass": 6.0, "third": "hinge"}
+
+
+def arm(folder: Path, **changes: object) -> Path:
+    path = folder / f"arm_{len(changes)}.xml"
+    path.write_text(ARM.format(**(PLAIN | changes)))
+    return path
+
+
+def torques(path: Path, q: Array, v: Array, a: Array) -> Array:
+    """Inverse dynamics of MuJoCo, friction of joints included."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, found = mujoco.MjData(model), []
+    for row in zip(q, v, a, strict=True):
+        data.qpos, data.qvel, data.qacc = row
+        mujoco.mj_inverse(model, data)
+        found.append(data.qfrc_inverse + model.dof_frictionloss * np.sign(row[1]))
+    return np.array(found)
+
+
+def fourier(
+    rng: np.random.Generator, joints: int, rate: float = 100.0, lasts: float = 12.0
+) -> tuple[Array, ...]:
+    """Time, angles, speeds and accelerations of a motion that begins and ends at rest."""
+    t = np.arange(0.0, lasts, 1.0 / rate)
+    fade, shape = np.sin(np.pi * t / lasts) ** 2, np.zeros((len(t), joints))
+    for k in range(1, 6):
+        phase = 2.0 * np.pi * k * t[:, None] / lasts + rng.uniform(0, 6.3, joints)
+        shape += rng.normal(scale=0.5 / k**0.5, size=joints) * np.sin(phase)
+    q = fade[:, None] * shape
+    v = np.gradient(q, t, axis=0, edge_order=2)
+    return t, q, v, np.gradient(v, t, axis=0, edge_order=2)
+
+
+def day(truth: Path, robot: Robot, runs: int, seed: int, noise: float = 0.05) -> Motions:
+    """Runs of an arm that MuJoCo knows, with noisy torques."""
+    rng, found = np.random.default_rng(seed), []
+    for r in range(runs):
+        t, q, v, a = fourier(rng, robot.dof)
+        effort = torques(truth, q, v, a) + rng.normal(scale=noise, size=q.shape)
+        found.append(Run(f"run{r}", t, q, effort))
+    return Motions(tuple(found))
+
+
+@pytest.mark.parametrize("third", ["hinge", "slide"])
+def test_the_regressor_is_mujocos_inverse_dynamics(tmp_path: Path, third: str) -> None:
+    path = arm(tmp_path, third=third)
+    robot = Robot.from_mjcf(path, "base", "tip")
+    q, v, a = np.random.default_rng(0).normal(size=(3, 40, 4))
+    Y = regressor(robot, q, v, a, np.array([0.3, -0.2, -9.7]))
+    assert np.abs(Y @ nominal_inertials(robot).ravel() - torques(path, q, v, a)).max() < 1e-9
+
+
+def test_losses_of_the_file_are_in_the_model(tmp_path: Path) -> None:
+    path = arm(tmp_path, j2='damping="3" frictionloss="2" armature=".5"')
+    found = diagnose_motions(cell_of(path), day(path, Robot.from_mjcf(path, "base", "tip"), 6, 0))
+    assert found.verdict == "no_gap"
+    assert not found.causes
+
+
+def cell_of(path: Path) -> Cell:
+    return Cell(
+        Robot.from_mjcf(path, "base", "tip"),
+        {"m": (0.1, 0.0, 0.0)},
+        gravity=np.array([0.3, -0.2, -9.7]),
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"j2": 'armature=".6"'}, {("armature", "j2"): 0.6}),
+        ({"j3": 'damping="2.5"'}, {("viscous_friction", "j3"): 2.5}),
+        ({"j1": 'frictionloss="1.5"', "j4": 'frictionloss=".7"'},
+         {("coulomb_friction", "j1"): 1.5, ("coulomb_friction", "j4"): 0.7}),
+    ],
+)  # fmt: skip
+def test_what_mujoco_put_in_is_named(
+    tmp_path: Path, change: dict[str, str], expected: dict[tuple[str, str], float]
+) -> None:
+    plain, truth = arm(tmp_path), arm(tmp_path, **change)
+    found = diagnose_motions(
+        cell_of(plain), day(truth, Robot.from_mjcf(plain, "base", "tip"), 6, 1)
+    )
+    assert {(own.effect, own.where) for own in found.causes} == set(expected)
+    for own in found.causes:
+        first = own.parameters[0]
+        assert first.value == pytest.approx(expected[own.effect, own.where], rel=0.1)
+
+
+def test_a_wrong_mass_is_inertials_or_payload(tmp_path: Path) -> None:
+    plain, truth = arm(tmp_path), arm(tmp_path, mass=7.5)
+    found = diagnose_motions(
+        cell_of(plain), day(truth, Robot.from_mjcf(plain, "base", "tip"), 6, 2)
+    )
+    assert [own.effect for own in found.causes] == ["inertials"]
+    assert found.verdict == "explained"
+    assert found.crossed.after[1] < 0.1 * found.crossed.before[1]
+
+
+def test_presliding_is_dahls_equation() -> None:
+    """Against its differential equation, in small steps."""
+    q = np.cumsum(np.random.default_rng(3).normal(scale=1e-4, size=400).cumsum() * 0.1)
+    z = np.zeros(len(q))
+    for i, step in enumerate(np.diff(q), 1):
+        z[i], parts = z[i - 1], 2000
+        for _ in range(parts):
+            z[i] += 1e3 * step / parts * (1.0 - z[i] * np.sign(step))
+    assert np.abs(presliding(q, 1e3) - z).max() < 1e-3
+
+
+def test_columns_are_linear_terms_of_one_joint() -> None:
+    """Each kind gives as many columns as it has parameters, finite everywhere."""
+    q, v, a, slope, rigid = np.random.default_rng(4).normal(size=(5, 60))
+    for kind in KINDS:
+        for variant in kind.variants:
+            columns = kind(variant).columns(JointMotion(q, v, a, slope, rigid, 50.0))
+            assert columns.shape == (60, len(kind.unknowns))
+            assert np.isfinite(columns).all()
+
+
+def test_filtering_gives_derivatives() -> None:
+    t, q, v, a = fourier(np.random.default_rng(5), 2)
+    got = filtered(Run("r", t, q, q))
+    at = np.searchsorted(t, got.time)
+    assert np.abs(got.v - v[at]).max() < 2e-3 * np.abs(v).max()
+    assert np.abs(got.a - a[at]).max() < 2e-2 * np.abs(a).max()
+
+
+# -- tables --------------------------------------------------------------------------------------
+
+
+def written(
+    folder: Path, motions: Motions, joints: tuple[str, ...], lines: list[str] | None = None
+) -> Path:
+    head = ["session", "time_s", *(f"{j}_rad" for j in joints), *(f"{j}_Nm" for j in joints)]
+    rows = [
+        ",".join([run.name, *(f"{x:.8g}" for x in (t, *q, *e))])
+        for run in motions.runs
+        for t, q, e in zip(run.time, run.q, run.effort, strict=True)
+    ]
+    path = folder / "motion.csv"
+    path.write_text("\n".join([",".join(head), *(lines or rows)]) + "\n")
+    return path
+
+
+def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = arm(tmp_path)
+    cell = cell_of(path)
+    motions = day(path, cell.robot, 2, 6)
+    file = written(tmp_path, motions, cell.robot.joints)
+    assert holds_motions(file)
+    again = load_motions(cell, file)
+    for one, other in zip(motions.runs, again.runs, strict=True):
+        assert np.allclose(one.q, other.q, atol=1e-7)
+        assert np.allclose(one.effort, other.effort, rtol=1e-7)
+
+
+def unsigned(row: str) -> str:
+    cells = row.split(",")
+    return ",".join([*cells[:-4], *(cell.lstrip("-") for cell in cells[-4:])])
+
+
+def still(row: str) -> str:
+    cells = row.split(",")
+    return ",".join([*cells[:2], "0", "0", "0", "0", *cells[-4:]])
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda rows: rows[::-1], "do not increase"),
+        (lambda rows: [*rows[:5], rows[5].replace(",", ",x", 1), *rows[6:]], "is not a number"),
+        (lambda rows: [unsigned(row) for row in rows], "never negative"),
+        (lambda rows: [still(row) for row in rows], "no run in which a joint moves"),
+        (lambda rows: [rows[0] + ",1"], "fields, the header"),
+    ],
+)
+def test_wrong_tables_are_refused_in_one_line(tmp_path: Path, edit: object, said: str) -> None:
+    path = arm(tmp_path)
+    cell = cell_of(path)
+    rows = (
+        written(tmp_path, day(path, cell.robot, 1, 7), cell.robot.joints)
+        .read_text()
+        .splitlines()[1:]
+    )
+    with pytest.raises(InputError, match=said):
+        load_motions(cell, written(tmp_path, Motions(()), cell.robot.joints, edit(rows)))  # type: ignore[operator]
+
+
+def test_two_rates_and_standing_runs_are_said(tmp_path: Path) -> None:
+    path = arm(tmp_path)
+    cell = cell_of(path)
+    one, two = day(path, cell.robot, 2, 8).runs
+    half = len(one) // 2
+    slower = Run(
+        "a", *(np.concatenate([own[:half], own[half::2]]) for own in (one.time, one.q, one.effort))
+    )
+    still = Run("b", two.time, np.zeros_like(two.q), two.effort)
+    found = load_motions(cell, written(tmp_path, Motions((slower, still)), cell.robot.joints))
+    assert found.names == ("a",)
+    assert any("two rates" in text for text in found.warnings)
+    assert any("stands still" in text for text in found.warnings)
+
+
+# -- real arms -----------------------------------------------------------------------------------
+
+CELL = """schema = 1
+name = "arm"
+[robot]
+urdf = "{}"
+base = "{}"
+tip = "{}"
+[motion]
+cutoff_hz = {}
+"""
+
+
+def real_cell(folder: Path, name: str, base: str, tip: str, cutoff: float) -> Cell:
+    path = folder / "cell.toml"
+    path.write_text(CELL.format(data_folder(name) / "robot.urdf", base, tip, cutoff))
+    return calib.load_cell(path)
+
+
+@pytest.fixture(scope="module")
+def ur10e(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Motions]:
+    cell = real_cell(tmp_path_factory.mktemp("ur10e"), "ur10e_motion", "base_link", "tool0", 8.0)
+    return cell, load_motions(cell, data_folder("ur10e_motion") / "motion.csv")
+
+
+def test_a_real_arm_needs_friction_armature_and_other_links(ur10e: tuple[Cell, Motions]) -> None:
+    """Eight runs of an UR10e, three held out: 80 % by its URDF, 10 % with usual friction."""
+    cell, motions = ur10e
+    held = ("free_h8", "free_h12_30s", "free_jan")
+    found = calib.diagnose(
+        cell, motions.take([n for n in motions.names if n not in held]), heldout=motions.take(held)
+    )
+    assert isinstance(found, MotionDiagnosis)
+    assert found.heldout is not None
+    assert TorqueGap.overall(found.heldout.before) > 0.7
+    assert TorqueGap.overall(found.heldout.after) < 0.065
+    kinds = {own.effect for own in found.causes}
+    assert kinds >= {"pre_sliding", "armature", "inertials", "load_friction", "viscous_friction"}
+    assert not kinds & {"payload", "torque_offset", "spring", "torque_delay"}
+    assert found.constants is not None
+    # Constants quoted for an UR10, which is another arm: 14.87 13.26 11.13 10.62 11.03 11.47 Nm/A.
+    assert np.all((found.constants[:5, 0] > 5.0) & (found.constants[:5, 0] < 20.0))
+
+
+def test_the_result_is_its_json(ur10e: tuple[Cell, Motions]) -> None:
+    from studies.results.base import envelope
+
+    cell, motions = ur10e
+    found = diagnose_motions(cell, motions.take(motions.names[:5]))
+    made = MotionResult.of(found, envelope("arm", []))
+    again = MotionResult.model_validate_json(made.to_json())
+    assert again == made
+    assert made.gap.unit == "percent"
+    assert set(made.gap.joints) == set(cell.robot.joints)
+    assert "The torques need" in made.summary()
+
+
+def test_two_short_runs_are_judged_by_stretches(tmp_path: Path) -> None:
+    """A KR300, ten seconds twice, each predicted by the other: 78 % by its URDF."""
+    cell = real_cell(tmp_path, "kr300_motion", "base", "link6", 10.0)
+    found = diagnose_motions(cell, load_motions(cell, data_folder("kr300_motion") / "motion.csv"))
+    assert found.blocks
+    assert TorqueGap.overall(found.crossed.after) < 0.2
+    assert {"viscous_friction", "armature"} <= {own.effect for own in found.causes}

@@ -408,6 +408,9 @@ class CellFile(TomlTable):
 
     def _unread(self) -> Iterator[str]:
         """What is there to be read and is not, or should be there."""
+        ridden = self.markers_mm or self.bodies or self.boards
+        if ridden and self.instrument is None and not self.instruments:
+            yield "has no [instrument]; add it, as in the cell that `posecal demo` writes"
         if self.instrument is not None and self.instruments:
             yield "has [instrument] and [instruments]; make [instrument] one of these, too"
         read = {entry.kind: entry.reads for entry in self.instruments.values()}

@@ -83,7 +83,12 @@ class Contest:
         """Fit a model; without weights those of its residual."""
         if weights is None:
             plain = fit(products, model, np.ones(len(model.terms)))
-            weights = products.counts.sum(axis=0) / plain.squares(products).sum(axis=0)
+            squares = plain.squares(products).sum(axis=0)
+            # A joint whose sensor says nothing counts for nothing.
+            silent = squares <= 0.0
+            weights = np.where(
+                silent, 0.0, products.counts.sum(axis=0) / np.where(silent, 1.0, squares)
+            )
         squares, fits = left_out(products, model, weights)
         return cls(products, model, weights, squares, tuple(fits))
 

@@ -265,7 +265,8 @@ def _concluded(
     crossed = replace(
         fitted, before=_shares(before.squares, found), after=_shares(state.squares, found)
     )
-    floor = TorqueGap.overall(np.sqrt((found.noise**2).mean(axis=0) / found.power))
+    power = np.where(found.power > 0.0, found.power, np.nan)
+    floor = TorqueGap.overall(np.sqrt((found.noise**2).mean(axis=0) / power))
     after = TorqueGap.overall(fitted.after)
     rest: Literal["none", "structure"] = "none" if after < _NOISE * floor else "structure"
     return MotionDiagnosis(
@@ -299,7 +300,8 @@ def _verdict(causes: Sequence[MotionCause], rest: str) -> Verdict:
 
 def _shares(squares: Array, found: Products) -> Array:
     """RMS error of each joint as a share of its torque's, of squared errors (r, n)."""
-    return np.asarray(np.sqrt(squares.sum(axis=0) / found.total[:, -1, -1]))
+    power = found.total[:, -1, -1]
+    return np.asarray(np.sqrt(squares.sum(axis=0) / np.where(power > 0.0, power, np.nan)))
 
 
 def _gap(
@@ -325,11 +327,12 @@ def _causes(
     chosen: bool,
 ) -> list[MotionCause]:
     """Every term that entered, the largest share first."""
-    excess = float(((before.squares - state.squares) / state.products.power).sum())
+    power = np.where(state.products.power > 0.0, state.products.power, np.inf)
+    excess = float(((before.squares - state.squares) / power).sum())
     found = []
     for (kind, j), own in judged(state, question).items():
         without = state.of_joint(j, taken(state.model, j, kind))
-        grown = float((without - state.squares[:, j]).sum() / state.products.power[j])
+        grown = float((without - state.squares[:, j]).sum() / power[j])
         rivals = [] if chosen else _rivals(question, state, kind, j)
         odds = [1.0, *(weight for _, weight in rivals)]
         sure = (1.0 - min(1.0, own.p)) / sum(odds)
@@ -396,7 +399,8 @@ def _of_links(state: Contest, whole: MotionFit, robot: Robot, excess: float) -> 
     """The cause that stands for the inertials that are free."""
     fixed = Contest.of(state.products, replace(state.model, inertials="none"), state.weights)
     own, S = state.evidence(fixed.pooled, state.pooled), sizes_of(state.products)
-    grown = float(((fixed.squares - state.squares) / state.products.power).sum())
+    power = np.where(state.products.power > 0.0, state.products.power, np.inf)
+    grown = float(((fixed.squares - state.squares) / power).sum())
     payload = state.model.inertials == "payload"
     links = range(robot.dof - 1 if payload else 0, robot.dof)
     parameters = []

@@ -14,6 +14,7 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import steiner, transformed
 from calib.arm.statics import Payload
 from calib.arrays import Array, IntArray
+from calib.errors import CalibError
 from calib.motion.effects import JointMotion, MotionEffect
 from calib.motion.filtering import CUTOFF, SLOW, Samples, filtered
 from calib.motion.motions import Motions
@@ -134,6 +135,8 @@ def products(
 
     stretch : s, of the parts of runs; None for whole runs
     left_out : s, of what is left out together, at least a stretch; whole runs by default
+
+    Raises CalibError where nothing moves.
     """
     columns = columns_of(robot, kinds, ratios)
     links = carried(robot, nominal_inertials(robot), payload).ravel()
@@ -156,6 +159,8 @@ def products(
         own = 1 if left_out > lasted else max(2, int(lasted / left_out))
         fold += [max(fold, default=-1) + 1 + k * own // count for k in range(count)]
         parts += _products(robot, samples, edges, columns, links, by_kind, gravity, dict(ratios))
+    if not parts:
+        raise CalibError(f"no joint moves faster than {SLOW:g} rad/s or m/s in any run")
     G, moving, counts, moved, noise = (np.array(own) for own in zip(*parts, strict=True))
     return Products(
         robot, columns, nominal, tuple(names), np.array(fold), G, moving, counts, moved, noise

@@ -12,7 +12,7 @@ import calib
 from calib import Cell
 from calib.arm.robot import Robot
 from calib.arrays import Array
-from calib.errors import InputError
+from calib.errors import CalibError, InputError
 from calib.files.motions import holds_motions, load_motions
 from calib.motion.diagnose import MotionDiagnosis, TorqueGap, diagnose_motions
 from calib.motion.effects import KINDS, JointMotion, presliding
@@ -236,6 +236,18 @@ def test_two_rates_and_standing_runs_are_said(tmp_path: Path) -> None:
     assert found.names == ("a",)
     assert any("two rates" in text for text in found.warnings)
     assert any("stands still" in text for text in found.warnings)
+
+
+def test_a_silent_sensor_and_motions_that_hardly_move(tmp_path: Path) -> None:
+    path = arm(tmp_path, j2='damping="3"')
+    cell = cell_of(arm(tmp_path))
+    motions = day(path, cell.robot, 5, 9)
+    silent = [Run(r.name, r.time, r.q, r.effort * [1.0, 1.0, 1.0, 0.0]) for r in motions.runs]
+    found = diagnose_motions(cell, Motions(tuple(silent)))
+    assert ("viscous_friction", "j2") in {(own.effect, own.where) for own in found.causes}
+    slow = [Run(r.name, r.time, r.q * 1e-4, r.effort) for r in motions.runs]
+    with pytest.raises(CalibError, match="no joint moves faster"):
+        diagnose_motions(cell, Motions(tuple(slow)))
 
 
 # -- real arms -----------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ _STEPS = {
     "diagnose: what the model lacks":
         f"diagnose diagnose {_MEASURED} --cell-out better_cell.toml",
     "report: a page for a colleague, to open in a browser":
-        "report report --instrument tracker,simulated identify.json diagnose.json design.json "
+        "report report --instrument simulated identify.json diagnose.json design.json "
         "foresight.json compare.json --output report.html",
 }  # fmt: skip
 """Title of a step -> name of its files, and the call that makes them; the measurement is simulated."""

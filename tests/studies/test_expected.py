@@ -25,7 +25,7 @@ MORE = """
 tolerance_mm = 0.08
 [report]
 serial = "R-0815"
-operator = "A. Meier"
+operator = "second shift"
 """
 
 
@@ -113,7 +113,7 @@ def test_tolerance_and_what_the_cell_tells_reach_result_and_page(
     verdict = "pass" if max(held) <= 0.08 else "fail"
     assert fields["acceptance"]["verdict"] == verdict
     assert f"{verdict.capitalize()} (tolerance 0.0800 mm): the largest error of" in told
-    assert fields["about"] == {"serial": "R-0815", "operator": "A. Meier"}
+    assert fields["about"] == {"serial": "R-0815", "operator": "second shift"}
     done = run("report", folder / "judged.json", "-o", folder / "page.html")
     assert done.exit_code == 0, done.output
     text = (folder / "page.html").read_text()

@@ -7,6 +7,7 @@ import difflib
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,36 +103,64 @@ def read_table(
 ) -> CsvTable:
     """The whole table but for empty rows; the header is checked before any row is read."""
     rows, lines = list[list[str]](), list[int]()
-    check_file(path, _LARGEST_FILE)
-    reader = csv.reader(bounded_lines(path), strict=True)
-    try:
-        columns = header(path, reader, required)
-        check(columns)
-        for row in filter(any, reader):
-            if len(row) != len(columns):
-                more = len(row) > len(columns)
-                how = "write decimal points, not commas, and nothing more"
-                what = f"has {len(row)} fields, the header {len(columns)}"
-                where = f"line {reader.line_num}"
-                raise InputError(path, where, what, how if more else "complete the row")
-            if rows:  # what a pose repeats in each of its rows is kept once
-                row = [old if old == new else new for old, new in zip(rows[-1], row, strict=True)]
-            rows.append(row)
-            lines.append(reader.line_num)
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
-    except csv.Error as error:
-        where, what = f"line {reader.line_num}", f"is no CSV ({error})"
-        raise InputError(path, where, what, "check the quotation marks") from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+    columns, each = read_rows(path, required, check)
+    for line, row in each:
+        if rows:  # what a pose repeats in each of its rows is kept once
+            row = [old if old == new else new for old, new in zip(rows[-1], row, strict=True)]
+        rows.append(row)
+        lines.append(line)
     if not rows:
         raise InputError(path, "", "has a header and no rows", f"add the {rows_are}")
     return CsvTable(path, columns, rows, lines, remedy)
 
 
-def bounded_lines(path: Path) -> Iterator[str]:
-    """The lines of a table, comments empty. Raises InputError for what is none."""
+def read_rows(
+    path: Path,
+    required: Sequence[str],
+    check: Callable[[tuple[str, ...]], None],
+    largest: int = _LARGEST_FILE,
+) -> tuple[tuple[str, ...], Iterator[tuple[int, list[str]]]]:
+    """The columns of a table, and line and cells of each of its rows as they are asked for.
+
+    check : of the columns; largest : bytes of the file
+
+    Raises InputError, the iterator as well.
+    """
+    check_file(path, largest)
+    reader = csv.reader(_bounded_lines(path), strict=True)
+    with _faults_of_text(path, lambda: reader.line_num):
+        columns = _header(path, reader, required)
+        check(columns)
+
+    def each() -> Iterator[tuple[int, list[str]]]:
+        with _faults_of_text(path, lambda: reader.line_num):
+            for row in filter(any, reader):
+                if len(row) != len(columns):
+                    more = len(row) > len(columns)
+                    how = "write decimal points, not commas, and nothing more"
+                    what = f"has {len(row)} fields, the header {len(columns)}"
+                    where = f"line {reader.line_num}"
+                    raise InputError(path, where, what, how if more else "complete the row")
+                yield reader.line_num, row
+
+    return columns, each()
+
+
+@contextmanager
+def _faults_of_text(path: Path, line: Callable[[], int]) -> Iterator[None]:
+    """What is no text or no CSV, as InputError."""
+    try:
+        yield
+    except UnicodeDecodeError:
+        raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
+    except csv.Error as error:
+        where, what = f"line {line()}", f"is no CSV ({error})"
+        raise InputError(path, where, what, "check the quotation marks") from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})", "check the path") from None
+
+
+def _bounded_lines(path: Path) -> Iterator[str]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
             if number == 1 and line.startswith("{"):
@@ -142,7 +171,7 @@ def bounded_lines(path: Path) -> Iterator[str]:
             yield "\n" if _COMMENT.match(line) else line
 
 
-def header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) -> tuple[str, ...]:
+def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) -> tuple[str, ...]:
     """The names of the columns. Raises InputError."""
     columns = tuple(name.strip() for name in next(filter(None, reader), []))
     if not any(columns):

@@ -10,17 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import column_of, joint_columns, titles, units_of
-from calib.files.csv_table import bounded_lines, header
-from calib.files.read import check_file
+from calib.files.csv_table import CsvTable, read_rows
 from calib.motion.filtering import SLOW
 from calib.motion.motions import Motions, Run, Unit
 
 _LARGEST_FILE = 2_000_000_000  # bytes
 _LARGEST_NUMBER = 1e12
+_REMEDY = "leave the row out if it was not logged"
 _FEWEST = 50  # rows of a run
 _BAD_STAMPS = 0.01  # share of a run's rows that may go
 _BREAK = 0.5  # s, beyond which a run begins anew
@@ -46,21 +47,15 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
     Raises InputError, naming line and column, for what is no table of this robot's motions.
     """
     path, robot = Path(path), cell.robot
-    check_file(path, _LARGEST_FILE)
-    reader = csv.reader(bounded_lines(path), strict=True)
-    columns = header(path, reader, ("time_s",))
+    columns, rows = read_rows(path, ("time_s",), lambda _: None, _LARGEST_FILE)
     given = joint_columns(path, robot, columns)
     efforts, unit = _efforts(path, columns, robot.joints, robot.prismatic)
-    also = {
-        kind: [
-            column_of(path, columns, f"{j}_{kind}", units_of(s), f"{j}_{kind}")
-            for j, s in zip(robot.joints, robot.prismatic.tolist(), strict=True)
-        ]
-        for kind in ("cmd", "link")
-    }
-    wanted = ["time_s", *(c.name for c in given if c is not None), *efforts]
-    wanted += [name for names in also.values() for name in names if name]
-    sessions, lines, numbers = _numbers(path, reader, columns, list(dict.fromkeys(wanted)))
+    behind = [
+        column_of(path, columns, f"{j}_link", units_of(s), f"{j}_link")
+        for j, s in zip(robot.joints, robot.prismatic.tolist(), strict=True)
+    ]
+    wanted = ["time_s", *(c.name for c in given if c is not None), *efforts, *filter(None, behind)]
+    sessions, lines, numbers = _numbers(path, columns, rows, list(dict.fromkeys(wanted)))
     q = np.column_stack(
         [np.zeros(len(lines)) if c is None else c.joint(numbers[c.name]) for c in given]
     )
@@ -68,13 +63,12 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
     if unit == "A" and all(joint in cell.motion.constants for joint in robot.joints):
         effort = effort * [cell.motion.constants[joint] for joint in robot.joints]
         unit = "Nm"
-    others = {kind: _optional(numbers, names, robot.joints, kind, robot.prismatic)
-              for kind, names in also.items()}  # fmt: skip
+    link = _behind_gears(numbers, behind, robot)
     runs, warnings = list[Run](), list[str]()
     for name in dict.fromkeys(sessions):
         own = np.flatnonzero(np.array(sessions) == name)
-        run = Run(name, numbers["time_s"][own], robot.tied(q[own]), effort[own],
-                  *(None if o is None else o[own] for o in others.values()))  # fmt: skip
+        beyond = None if link is None else link[own]
+        run = Run(name, numbers["time_s"][own], robot.tied(q[own]), effort[own], beyond)
         found, said = _checked(path, run, lines[own])
         runs += found
         warnings += said
@@ -102,63 +96,43 @@ def _efforts(
 
 
 def _numbers(
-    path: Path, reader: Iterator[list[str]], columns: Sequence[str], wanted: Sequence[str]
+    path: Path,
+    columns: tuple[str, ...],
+    rows: Iterator[tuple[int, list[str]]],
+    wanted: Sequence[str],
 ) -> tuple[list[str], Array, dict[str, Array]]:
     """Session and line of every row, and the wanted columns; rows are never held as text."""
     places = [columns.index(name) for name in wanted]
     session = columns.index("session") if "session" in columns else None
     sessions, lines, values = list[str](), array("q"), array("d")
-    try:
-        for row in filter(any, reader):
-            if len(row) != len(columns):
-                what = f"has {len(row)} fields, the header {len(columns)}"
-                raise InputError(path, f"line {reader.line_num}", what, "complete the row")  # type: ignore[attr-defined]
-            try:
-                values.extend([float(row[i]) for i in places])
-            except ValueError:
-                i = next(i for i in places if not _is_number(row[i]))
-                where = f"line {reader.line_num}, column {columns[i]}"  # type: ignore[attr-defined]
-                raise InputError(path, where, f"{row[i][:40]!r} is not a number",
-                                 "leave the row out if it was not logged") from None  # fmt: skip
-            sessions.append("run" if session is None else row[session].strip())
-            lines.append(reader.line_num)  # type: ignore[attr-defined]
-    except UnicodeDecodeError:
-        raise InputError(path, "", "is not text in UTF-8", "export it as CSV") from None
-    except csv.Error as error:
-        raise InputError(path, "", f"is no CSV ({error})", "check the quotation marks") from None
+    for line, row in rows:
+        try:
+            values.extend([float(row[i]) for i in places])
+        except ValueError:
+            for name in wanted:  # the table of one row says which cell it is
+                CsvTable(path, columns, [row], [line], _REMEDY).numbers(name)
+        sessions.append("run" if session is None else row[session].strip())
+        lines.append(line)
     if not lines:
         raise InputError(path, "", "has a header and no rows", "add the samples")
     table = np.frombuffer(values).reshape(len(lines), len(wanted))
-    for row, k in np.argwhere(~(np.abs(table) < _LARGEST_NUMBER))[:1].tolist():
-        where = f"line {lines[row]}, column {wanted[k]}"
-        raise InputError(path, where, "is no finite number of plausible size", "leave the row out")
-    return sessions, np.array(lines), {name: table[:, k] for k, name in enumerate(wanted)}
+    for k, i in np.argwhere(~(np.abs(table) < _LARGEST_NUMBER))[:1].tolist():
+        where = f"line {lines[k]}, column {wanted[i]}"
+        raise InputError(path, where, "is no finite number of plausible size", _REMEDY)
+    return sessions, np.array(lines), {name: table[:, i] for i, name in enumerate(wanted)}
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _optional(
-    numbers: dict[str, Array],
-    names: Sequence[str | None],
-    joints: Sequence[str],
-    kind: str,
-    prismatic: Mask,
+def _behind_gears(
+    numbers: dict[str, Array], columns: Sequence[str | None], robot: Robot
 ) -> Array | None:
-    """Columns of a second angle (m, n), SI, NaN where a joint has none; None where none has."""
-    if not any(names):
+    """Second angles (m, n), SI, NaN where a joint has none; None where none has."""
+    if not any(columns):
         return None
-    count = len(next(iter(numbers.values())))
-    found = np.full((count, len(joints)), np.nan)
-    for j, name in enumerate(names):
-        if name:
-            scale = titles(f"{joints[j]}_{kind}", units_of(bool(prismatic[j])))[name]
-            found[:, j] = numbers[name] * scale
+    found = np.full((len(numbers["time_s"]), robot.dof), np.nan)
+    for j, column in enumerate(columns):
+        if column:
+            units = units_of(bool(robot.prismatic[j]))
+            found[:, j] = numbers[column] * titles(f"{robot.joints[j]}_link", units)[column]
     return found
 
 
@@ -223,8 +197,8 @@ def _two_rates(run: Run) -> str:
 
 
 def _taken(run: Run, index: IntArray | Mask) -> Run:
-    parts = (None if own is None else own[index] for own in (run.command, run.link))
-    return Run(run.name, run.time[index], run.q[index], run.effort[index], *parts)
+    link = None if run.link is None else run.link[index]
+    return Run(run.name, run.time[index], run.q[index], run.effort[index], link)
 
 
 def _refuse_unsigned(path: Path, runs: Sequence[Run]) -> None:

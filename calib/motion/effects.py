@@ -56,7 +56,6 @@ class MotionEffect(ABC):
     unknowns : names of the parameters and their units where the joint turns and the effort is a torque
     geared : whether it acts only where the gear's ratio is stated
     sharp : whether it jumps where the effort does, so that its columns go through the effort's filter
-    imitates : kinds that may look alike
     mjcf, urdf : attribute of a joint that holds it, empty where none does
     """
 
@@ -66,7 +65,6 @@ class MotionEffect(ABC):
     variants: ClassVar[tuple[float, ...]] = (0.0,)
     geared: ClassVar[bool] = False
     sharp: ClassVar[bool] = False
-    imitates: ClassVar[tuple[str, ...]] = ()
     mjcf: ClassVar[str] = ""
     urdf: ClassVar[str] = ""
 
@@ -81,7 +79,6 @@ class TorqueOffset(MotionEffect):
 
     kind = "torque_offset"
     unknowns = (("offset", "Nm"),)
-    imitates = ("spring", "inertials")
 
     def columns(self, joint: JointMotion) -> Array:
         return np.ones((len(joint.q), 1))
@@ -95,7 +92,6 @@ class CoulombFriction(MotionEffect):
     sharp = True
     unknowns = (("friction", "Nm"),)
     variants = (SLOW, 0.1 * SLOW)
-    imitates = ("pre_sliding", "load_friction")
     mjcf, urdf = "frictionloss", "friction"
 
     def columns(self, joint: JointMotion) -> Array:
@@ -108,7 +104,6 @@ class ViscousFriction(MotionEffect):
 
     kind = "viscous_friction"
     unknowns = (("damping", "Nm s/rad"),)
-    imitates = ("stribeck_friction",)
     mjcf, urdf = "damping", "damping"
 
     def columns(self, joint: JointMotion) -> Array:
@@ -122,7 +117,6 @@ class StribeckFriction(MotionEffect):
     kind = "stribeck_friction"
     sharp = True
     unknowns = (("friction", "Nm s^0.5/rad^0.5"),)
-    imitates = ("viscous_friction", "coulomb_friction")
 
     def columns(self, joint: JointMotion) -> Array:
         return (joint.sign() * np.sqrt(np.abs(joint.v)))[:, None]
@@ -139,7 +133,6 @@ class PreSliding(MotionEffect):
     sharp = True
     unknowns = (("friction", "Nm"),)
     variants = _DISTANCES
-    imitates = ("coulomb_friction", "torque_delay")
 
     def columns(self, joint: JointMotion) -> Array:
         return presliding(joint.q, self.variant)[:, None]
@@ -165,7 +158,6 @@ class LoadFriction(MotionEffect):
     kind = "load_friction"
     sharp = True
     unknowns = (("share", "Nm/Nm"),)
-    imitates = ("coulomb_friction", "torque_scale")
 
     def columns(self, joint: JointMotion) -> Array:
         return (np.abs(joint.rigid) * joint.sign())[:, None]
@@ -177,7 +169,6 @@ class Armature(MotionEffect):
 
     kind = "armature"
     unknowns = (("inertia", "kg m^2"),)
-    imitates = ("inertials",)
     mjcf = "armature"
 
     def columns(self, joint: JointMotion) -> Array:
@@ -190,7 +181,6 @@ class Spring(MotionEffect):
 
     kind = "spring"
     unknowns = (("sin", "Nm"), ("cos", "Nm"))
-    imitates = ("inertials", "torque_offset")
 
     def columns(self, joint: JointMotion) -> Array:
         return np.column_stack([np.sin(joint.q), np.cos(joint.q)])
@@ -215,7 +205,6 @@ class TorqueDelay(MotionEffect):
 
     kind = "torque_delay"
     unknowns = (("delay", "s"),)
-    imitates = ("pre_sliding",)
 
     def columns(self, joint: JointMotion) -> Array:
         return -joint.slope[:, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -56,7 +56,7 @@ class Products:
     fold : ndarray of int, shape (r,), what is left out together
     nominal : ndarray, shape (n, K), torque by the robot's file as a combination of each joint's columns
     G : ndarray, shape (r, n, K, K); moving : the same of samples at which the joint moves
-    counts, moved : ndarray, shape (r, n), samples of both
+    counts : ndarray, shape (r, n), samples
     noise : ndarray, shape (r, n), deviation of the effort's white noise behind the filter
     """
 
@@ -68,13 +68,12 @@ class Products:
     G: Array
     moving: Array
     counts: Array
-    moved: Array
     noise: Array
 
     def take(self, runs: IntArray | list[int]) -> Products:
         """Those of some runs."""
         index = np.asarray(runs, dtype=int)
-        parts = (self.fold, self.G, self.moving, self.counts, self.moved, self.noise)
+        parts = (self.fold, self.G, self.moving, self.counts, self.noise)
         names = tuple(self.names[i] for i in index.tolist())
         return Products(
             self.robot, self.columns, self.nominal, names, *(own[index] for own in parts)
@@ -161,10 +160,8 @@ def products(
         parts += _products(robot, samples, edges, columns, links, by_kind, gravity, dict(ratios))
     if not parts:
         raise CalibError(f"no joint moves faster than {SLOW:g} rad/s or m/s in any run")
-    G, moving, counts, moved, noise = (np.array(own) for own in zip(*parts, strict=True))
-    return Products(
-        robot, columns, nominal, tuple(names), np.array(fold), G, moving, counts, moved, noise
-    )
+    G, moving, counts, noise = (np.array(own) for own in zip(*parts, strict=True))
+    return Products(robot, columns, nominal, tuple(names), np.array(fold), G, moving, counts, noise)
 
 
 def carried(robot: Robot, links: Array, payload: Payload | None) -> Array:
@@ -189,21 +186,21 @@ def _products(
     kinds: Mapping[str, type[MotionEffect]],
     gravity: Array,
     ratios: dict[str, float],
-) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
-    """Of every block of a run: products, those of what moves, both counts, and the noise."""
+) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Of every part of a run: products, those of what moves, counts, and the noise."""
     n, K, chunks = robot.dof, columns.width, range(0, len(samples), _CHUNK)
 
+    @lru_cache(maxsize=1)  # a run of one chunk needs its rows twice
     def rows(begin: int, end: int) -> Array:
         own = slice(begin, end)
         return regressor(robot, samples.q[own], samples.v[own], samples.a[own], gravity)
 
-    rigid = np.concatenate([rows(i, i + _CHUNK) @ links for i in chunks])
+    rigid = np.concatenate([rows(i, min(i + _CHUNK, len(samples))) @ links for i in chunks])
     joints = [JointMotion.of(samples, rigid, j, ratios.get(name, np.nan))
               for j, name in enumerate(robot.joints)]  # fmt: skip
     local = _terms(joints, samples, columns, kinds)
     for first, last in pairwise(edges):
         G, moving = np.zeros((2, n, K, K))
-        counts, moved = np.zeros((2, n))
         for begin in range(first, last, _CHUNK):
             own = slice(begin, min(begin + _CHUNK, last))
             Y = rows(own.start, own.stop)
@@ -211,8 +208,7 @@ def _products(
                 X = np.concatenate([Y[:, j], local[j][own]], axis=1)
                 fast = X[np.abs(samples.v[own, j]) > SLOW]
                 G[j], moving[j] = G[j] + X.T @ X, moving[j] + fast.T @ fast
-                counts[j], moved[j] = counts[j] + len(X), moved[j] + len(fast)
-        yield G, moving, counts, moved, samples.noise
+        yield G, moving, np.full(n, float(last - first)), samples.noise
 
 
 def _terms(

@@ -22,7 +22,6 @@ class Run:
     time : ndarray, shape (m,), s, increasing
     q : ndarray, shape (m, n), rad or m, joint values, measured at the motors
     effort : ndarray, shape (m, n), N m, N or A
-    command : ndarray, shape (m, n), rad or m, what was asked for, or None
     link : ndarray, shape (m, n), rad or m, measured behind the gears; NaN where not; or None
     """
 
@@ -30,7 +29,6 @@ class Run:
     time: Array
     q: Array
     effort: Array
-    command: Array | None = None
     link: Array | None = None
 
     def __len__(self) -> int:

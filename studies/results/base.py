@@ -36,7 +36,7 @@ MaybePositive = Annotated[Positive | None, BeforeValidator(_defined)]
 Three = tuple[Number, Number, Number]
 Row = tuple[Maybe, ...]
 Count = Annotated[int, Field(ge=0, lt=2**53)]
-Unit = Literal["mm", "mrad", "px"]
+Unit = Literal["mm", "mrad", "px", "percent"]
 Owner = Literal["instrument", "arm", "model", "undecided"]
 """Whose an error from pose to pose is."""
 

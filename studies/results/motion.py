@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Literal, Self
 
+import numpy as np
 from pydantic import Field
 
 from studies.results.base import (
@@ -16,11 +17,15 @@ from studies.results.base import (
     Maybe,
     NotNegative,
     Number,
+    Outlier,
     Result,
 )
+from studies.results.diagnose import GapErrors, LocatedPlace
 
 if TYPE_CHECKING:
-    from calib.motion.diagnose import MotionCause, MotionDiagnosis, MotionParameter, TorqueGap
+    from calib.arrays import Array
+    from calib.motion.causes import MotionCause, MotionParameter
+    from calib.motion.diagnose import MotionDiagnosis, TorqueGap
 
 
 class TermParameter(Entry):
@@ -93,42 +98,36 @@ class JointError(Entry):
     moving: Maybe
 
 
-class TorqueErrors(Entry):
+class TorqueErrors(GapErrors):
     """Errors in percent of the torque's RMS, quadratic mean over joints.
 
-    before, after : held out where runs were, else of runs left out in turn
+    joints : each of them, held out where runs were, else of runs left out in turn
     """
 
-    unit: Literal["percent"] = "percent"
-    floor: NotNegative
-    fit_before: NotNegative
-    fit_after: NotNegative
-    heldout_before: NotNegative | None
-    heldout_after: NotNegative | None
-    heldout_rose: bool | None
-    crossvalidated_before: NotNegative
-    crossvalidated_after: NotNegative
-    closed: Maybe
+    floor_mm: NotNegative
     joints: dict[str, JointError]
 
     @classmethod
-    def of(cls, found: MotionDiagnosis) -> Self:
+    def of_motions(cls, found: MotionDiagnosis) -> Self:
         """The entry of a diagnosis."""
         gap, held, of = found.gap, found.heldout, type(found.gap).overall
         joints = zip(found.cell.robot.joints, gap.before, gap.after, gap.moving, strict=True)
         first, last, floor = of(gap.before), of(gap.after), found.floor
-        closed = (first**2 - last**2) / (first**2 - floor**2) if first > floor else None
         return cls(
-            floor=100.0 * floor,
-            fit_before=100.0 * of(found.fitted.before),
-            fit_after=100.0 * of(found.fitted.after),
-            heldout_before=None if held is None else 100.0 * first,
-            heldout_after=None if held is None else 100.0 * last,
+            unit="percent",
+            floor_mm=100.0 * floor,
+            fit_before_mm=100.0 * of(found.fitted.before),
+            fit_after_mm=100.0 * of(found.fitted.after),
+            heldout_before_mm=None if held is None else 100.0 * first,
+            heldout_after_mm=None if held is None else 100.0 * last,
             heldout_rose=None if held is None or not found.causes else last >= first,
-            crossvalidated_before=100.0 * of(found.crossed.before),
-            crossvalidated_after=100.0 * of(found.crossed.after),
-            closed=closed,
-            joints={j: JointError(before=100 * b, after=100 * a, moving=100 * m)
+            crossvalidated_before_mm=100.0 * of(found.crossed.before),
+            crossvalidated_after_mm=100.0 * of(found.crossed.after),
+            over_time_before_mm=None,
+            over_time_after_mm=None,
+            closed=(first**2 - last**2) / (first**2 - floor**2) if first > floor else None,
+            closed_ci95=None,
+            joints={j: JointError(before=100.0 * b, after=100.0 * a, moving=100.0 * m)
                     for j, b, a, m in joints},
         )  # fmt: skip
 
@@ -168,11 +167,19 @@ class GearEntry(Entry):
     after_urad: NotNegative
 
 
+def _located(joints: Sequence[str], after: Array) -> Iterator[LocatedPlace]:
+    """What remains at the three joints at which it is largest, with its share of all that remains."""
+    squares = np.nan_to_num(after) ** 2
+    for j in np.argsort(-squares)[:3].tolist():
+        share = float(squares[j] / squares.sum())
+        yield LocatedPlace(where=joints[j], depends_on=f"motion:{joints[j]}", share_of_gap=share)
+
+
 class MotionResult(Result):
     """Which terms the torques of a robot need beside its model.
 
     motions : by which it is known from a diagnosis of poses
-    runs : what was left out in turn; blocks : whether these are stretches of few runs
+    runs : of each part that evidence stands on its run; blocks : whether parts are stretches of runs
     """
 
     command: Literal["diagnose", "identify"]
@@ -181,7 +188,7 @@ class MotionResult(Result):
     effort: Literal["Nm", "A"]
     effects: tuple[TorqueTerm, ...]
     rest: TorqueRest
-    located: tuple[Cause, ...] = ()
+    located: tuple[LocatedPlace, ...]
     gap: TorqueErrors
     could_not_see: tuple[DetectionLimit, ...]
     torque_constants: tuple[TorqueConstant, ...]
@@ -189,6 +196,7 @@ class MotionResult(Result):
     runs: tuple[str, ...]
     blocks: bool
     holdout: str | None
+    outliers: tuple[Outlier, ...] = ()
 
     @classmethod
     def of(
@@ -205,7 +213,7 @@ class MotionResult(Result):
 
         gap: TorqueGap = found.gap
         left = max(gap.overall(gap.after) ** 2 - found.floor**2, 0.0) ** 0.5
-        worst = sorted(zip(gap.after, found.cell.robot.joints, strict=True), reverse=True)
+        joints = found.cell.robot.joints
         return cls(
             **made_from,
             command=command,
@@ -215,9 +223,8 @@ class MotionResult(Result):
             effects=tuple(TorqueTerm.of(cause, found.unit) for cause in found.causes),
             rest=TorqueRest(percent=100.0 * left, kind=found.rest,
                             of="instrument" if found.rest == "none" else "model"),
-            located=tuple(Cause(effect="unknown", where=joint) for _, joint in worst[:3])
-            if found.rest == "structure" else (),
-            gap=TorqueErrors.of(found),
+            located=tuple(_located(joints, gap.after)) if found.rest == "structure" else (),
+            gap=TorqueErrors.of_motions(found),
             could_not_see=tuple(
                 DetectionLimit(effect=own.effect, where=own.where, minimum_detectable=own.smallest,
                                unit=own.unit if found.unit == "Nm" else _of_current(own.unit))
@@ -225,7 +232,7 @@ class MotionResult(Result):
             ),
             torque_constants=() if found.constants is None else tuple(
                 TorqueConstant(joint=joint, value_nm_a=value, std_nm_a=std)
-                for joint, (value, std) in zip(found.cell.robot.joints, found.constants, strict=True)
+                for joint, (value, std) in zip(joints, found.constants, strict=True)
             ),
             gears=tuple(
                 GearEntry(
@@ -254,14 +261,15 @@ class MotionResult(Result):
     def error(self) -> BeforeAfter:
         """Percent of the torque, at held-out runs where there are any."""
         gap, of = self.gap, "error of the torque, with the model as given and with the terms found"
-        if gap.heldout_before is not None and gap.heldout_after is not None:
-            return BeforeAfter(gap.heldout_before, gap.heldout_after, of, "%", True)
-        return BeforeAfter(gap.crossvalidated_before, gap.crossvalidated_after, of, "%")
+        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
+            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, "%", True)
+        before, after = gap.crossvalidated_before_mm, gap.crossvalidated_after_mm
+        return BeforeAfter(before or 0.0, after or 0.0, of, "%")
 
     @property
     def where(self) -> str:
         """At which runs the error stands."""
-        if self.gap.heldout_before is not None:
+        if self.gap.heldout_before_mm is not None:
             return "held-out runs"
         return "stretches left out in turn" if self.blocks else "runs left out in turn"
 

@@ -303,6 +303,10 @@ def test_the_result_is_its_json(ur10e: tuple[Cell, Motions]) -> None:
     again = MotionResult.model_validate_json(made.to_json())
     assert again == made
     assert made.gap.unit == "percent"
+    assert {"floor_mm", "heldout_before_mm", "heldout_after_mm", "joints"} <= {
+        *made.gap.model_dump()
+    }
+    assert all(own.depends_on and own.share_of_gap for own in made.located)
     assert set(made.gap.joints) == set(cell.robot.joints)
     assert "The torques need" in made.summary()
 

@@ -1,11 +1,9 @@
 """Causes, their probabilities, their places, and the verdict that follows.
 
 How likely it is that a name, or one of its class, is right is a frequency, not a p value: a logistic
-model of what speaks against a name. It is fitted by maximum likelihood to some 600 names of days
-and sealed cases (``studies.research.sealed``) whose errors follow other formulas than the
-catalogue's, or are in no catalogue at all; ``studies/research/RESULTS.md`` has the count on
-fresh days. All but the last two weights follow 76 sealed names of the
-present selection, where curves and halves mean something else than before.
+model of what speaks against a name. Its weights follow names of days and sealed cases
+(``studies.research.sealed``) whose errors follow other formulas than the catalogue's, or are in no
+catalogue at all. ``studies/research/RESULTS.md`` has the count on fresh days.
 """
 
 from __future__ import annotations
@@ -24,13 +22,12 @@ from calib.diagnosis.finding import Finding, is_weak
 from calib.diagnosis.refused import Refused, Why
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.serial import SmoothRun
-from calib.diagnosis.shape import Doubt, form_matters, shape_doubt
+from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit
 from calib.effects import catalogue
 from calib.effects.context import ARM
 from calib.effects.timed import Timed
 from calib.model.covariance import determined
-from calib.poses import Poses
 
 VerdictName = Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
 Standing = Literal["established", "likely", "one_of"]
@@ -39,14 +36,15 @@ _EVEN = 0.5  # probability below which a cause is no more than a possibility
 _SURE = 0.9  # probability from which on a cause is taken for certain
 _ALONE = 0.9  # of what scatters, that one joint must hold to be named in place of the arm
 _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it gets
+_MINOR = 0.1  # of what a cause explains: an error of its form of less leaves it what it is
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
 _NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
 _NO_SHARE = 0.005  # of the gap, which reads as nothing
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
-_INTERCEPT = 3.0
+_INTERCEPT = 3.5
 _WEIGHTS = (
-    0.27,  # a decade of the p value of its form
+    0.27,  # a decade of the p value of its form, where that errs by more than a minor part
     -2.5,  # a curve at its place does as much again
     -5.3,  # returns in no half of the configurations
     -0.4,  # something else is found at its place
@@ -59,7 +57,8 @@ _WEIGHTS = (
 class NameEvidence:
     """Evidence for and against the name that a cause was given.
 
-    key : str, ``effect:where``; form_p : of the test of its form
+    key : str, ``effect:where``
+    form_p, form_share : of the test of its form, and by how much of itself that errs, in squares
     curve_ratio : evidence of the best curve at its place over its own
     again : share of ten halves of the configurations in which it, or one of its class, returns
     company : whether anything else is found at its place
@@ -67,6 +66,7 @@ class NameEvidence:
 
     key: str
     form_p: float
+    form_share: float
     curve_ratio: float
     again: float
     company: bool
@@ -87,7 +87,7 @@ class NameEvidence:
         close = min(max((self.curve_ratio - low) / (high - low), 0.0), 1.0)
         nearly = max(close, float(self.company))
         return (
-            log10(max(self.form_p, _LEAST_P)),
+            min(self.form_share / _MINOR, 1.0) * log10(max(self.form_p, _LEAST_P)),
             min(max(self.curve_ratio - _LEAST_RATIO, 0.0), 1.0),
             1.0 - self.again,
             float(self.company),
@@ -175,13 +175,10 @@ class GapPlace:
         return f"{self.where} by {self.depends_on}{share}"
 
 
-def causes_of(
-    finding: Finding, asked: int, targets: Poses, again: Mapping[str, float]
-) -> Iterator[Cause]:
+def causes_of(finding: Finding, asked: int, again: Mapping[str, float]) -> Iterator[Cause]:
     """The named causes of a finding, with values, probabilities and shares of the gap.
 
-    asked : int, over how many its p counts; targets : where accuracy counts
-    again : share of the halves in which each entry returns
+    asked : int, over how many its p counts; again : share of the halves in which each entry returns
     """
     if not finding.named:
         return
@@ -194,15 +191,16 @@ def causes_of(
         own = after.positions(effect)
         doubt = shape_doubt(stage, after, effect, len(finding.named))
         others = (c for c in finding.outcome.active if c is not entry.candidate)
+        form = min(1.0, doubt.fall / max(entry.fall, 1e-9))
+        misshapen = doubt.stands and form > _MINOR
         evidence = NameEvidence(
             key=f"{effect.kind}:{effect.where}",
             form_p=doubt.p,
+            form_share=form,
             curve_ratio=named.curve_ratio,
             again=again[entry.candidate.key],
-            company=doubt.stands or any(c.where == effect.where for c in others),
+            company=misshapen or any(c.where == effect.where for c in others),
         )
-        there = stage.data.poses if effect.uses else targets  # targets have neither time nor moves
-        matters = form_matters(after, effect, there, finding.floor)
         yield Cause(
             named=named,
             doubt=doubt,
@@ -211,7 +209,7 @@ def causes_of(
             p=min(1.0, entry.p * asked),
             share=_share_of(finding, entry.candidate),
             evidence=evidence,
-            standing=standing_of(named, evidence.probability, doubt, matters),
+            standing=standing_of(named, evidence.probability),
             far_out=far_out(after, named.candidate),
         )
 
@@ -255,30 +253,40 @@ def _deviations(after: Fit, scale: float) -> Array:
     return np.where(determined(after.span), scale * np.sqrt(np.diag(after.covariance)), np.nan)
 
 
-def standing_of(named: Named, probability: float, doubt: Doubt, matters: bool) -> Standing:
-    """How sure a cause is.
+def standing_of(named: Named, probability: float) -> Standing:
+    """How sure a cause is: established where it is nearly certain and alone in its class.
 
     probability : that it, or one of its class, is there
-    matters : whether another form would differ where accuracy counts
-    A cause is one of several where these data do not tell it from others; it is established where it
-    is nearly certain, in the form of the catalogue.
     """
     if named.aliased or named.lead < _SURE:
         return "one_of"
-    in_form = not doubt.stands and (doubt.tested or not matters)
-    return "established" if in_form and probability * named.lead >= _SURE else "likely"
+    return "established" if probability * named.lead >= _SURE else "likely"
 
 
-def verdict_of(standings: Sequence[Standing], found: bool, rest: Rest) -> VerdictName:
+def parted(causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """The causes that were found, and those that are no more than possible.
+
+    Beside one that is established, or one of several, another must be so as well.
+    """
+    likely = [c for c in causes if c.likely]
+    sure = [c for c in likely if c.standing != "likely"]
+    found = tuple(sure or likely)
+    return found, tuple(c for c in causes if c not in found)
+
+
+def verdict_of(standings: Sequence[Standing], more: bool, rest: Rest) -> VerdictName:
     """The verdict of a diagnosis.
 
-    standings : of the causes that are as likely as not, or more; found : whether anything was found
+    standings : of the causes that were found; more : whether others are possible
     """
+    closed = rest.closed and not more
     if not standings:
-        return "unknown" if found or not rest.closed else "no_gap"
-    if all(s == "established" for s in standings):
-        return "explained" if rest.closed else "partly"
-    return "ambiguous" if rest.closed or "established" in standings else "unknown"
+        return "no_gap" if closed else "unknown"
+    if "one_of" in standings:
+        return "ambiguous"
+    if "likely" in standings:
+        return "unknown"
+    return "explained" if closed else "partly"
 
 
 def located(
@@ -294,8 +302,7 @@ def located(
     ]
     for c in causes:
         if c.misshapen:
-            part = min(1.0, c.doubt.fall / max(c.named.entry.fall, 1e-9))
-            share = c.share if c.displaced else part * c.share
+            share = c.share if c.displaced else c.evidence.form_share * c.share
             place = GapPlace(c.where, c.doubt.depends_on, share)
             if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
                 found.append(place)

@@ -14,6 +14,7 @@ from calib.diagnosis.causes import (
     VerdictName,
     causes_of,
     located,
+    parted,
     unnamed_of,
     verdict_of,
 )
@@ -48,7 +49,7 @@ _MOST = 5  # places that a summary names
 class Diagnosis(Result, Finding):
     """Result of :func:`diagnose`: what was found, and what follows from it.
 
-    causes, possible : tuple of Cause, those as likely as not or more, and the others: all are fitted
+    causes, possible : tuple of Cause, those that were found, and the others: all are fitted
     rest : Rest, what remains beside the causes
     outlier : ndarray of bool, shape (m,), poses that were left out
     waiting : ndarray of bool, shape (m,), poses from before the first move, left out where approaches
@@ -140,14 +141,13 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     stage, outcome = finding.stage, finding.outcome
     targets, weights = targets_of(cell)
     again = stability(outcome.judged, finding.named) if finding.named else {}
-    causes = tuple(causes_of(finding, len(suspects), targets, again))
+    causes = tuple(causes_of(finding, len(suspects), again))
     outlier = stage.dropped & ~waiting
     run = smooth_run(stage, finding.after)
     smooth = run is not None or any(c.misshapen for c in causes)
     rest = rest_of(finding, smooth, int(outlier.sum()), heldout)
-    shown = tuple(c for c in causes if not c.displaced)
-    likely = tuple(c for c in shown if c.likely)
-    concluded = verdict_of([c.standing for c in likely], bool(causes), rest)
+    found, possible = parted([c for c in causes if not c.displaced])
+    concluded = verdict_of([c.standing for c in found], len(causes) > len(found), rest)
     places = located(finding, causes, not rest.closed, run)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
@@ -164,8 +164,8 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         **fields_of(replace(finding, refused=finding.refused + unnamed)),
         cell=cell,
         verdict=concluded,
-        causes=likely,
-        possible=tuple(c for c in shown if not c.likely),
+        causes=found,
+        possible=possible,
         rest=rest,
         located=places if concluded != "no_gap" else (),
         gap=gap,

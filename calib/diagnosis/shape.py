@@ -24,7 +24,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.effects.joint import along_axis
 from calib.effects.protocol import Effect
 from calib.identification.noise import refuted
-from calib.inference.evidence import VISIBLE, f_tail, score_test, weighted_test
+from calib.inference.evidence import f_tail, score_test, weighted_test
 from calib.linear import Complement, orthonormal
 from calib.poses import Measurements, Poses
 
@@ -124,10 +124,7 @@ def _varies(column: Array) -> bool:
 
 SHAPE_ALPHA = 0.03
 """Probability of doubting a right shape."""
-TESTED = 0.8
-"""Probability with which a wrong shape would be doubted, below which a right one is not shown."""
 _PART = 0.25  # of the effect's size, by which each function is expected to modulate a wrong one
-_PHASES = np.linspace(0.0, np.pi, 4, endpoint=False)
 _SURE = 0.01  # probability by chance below which an effect is there beside what doubts it
 
 
@@ -138,24 +135,17 @@ class Doubt:
     p : float, probability of as much by chance; depends_on : str, with what its size varies most
     fall : float, of the sum of squares
     also_there : bool, whether the effect is needed beside what its size varies with
-    power : float, probability of doubting an effect whose size varies with an angle by 35 %
     """
 
     p: float
     depends_on: str
     fall: float
     also_there: bool
-    power: float = 0.0
 
     @property
     def stands(self) -> bool:
         """Whether the shape is to be doubted."""
         return self.p < SHAPE_ALPHA
-
-    @property
-    def tested(self) -> bool:
-        """Whether the readings would have shown another shape."""
-        return self.power >= TESTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,11 +173,6 @@ class ShapeQuestion:
         prior = _PART**2 * np.eye(len(own))
         return weighted_test(S[np.ix_(own, own)], z[own], lengths[own], prior)
 
-    def power_of(self, number: int, alpha: float) -> float:
-        """Power at a level alpha against one wave of an angle, at any phase."""
-        (S, _, lengths), own = self._products, self._columns[number]
-        return float(wave_power(S[np.ix_(own, own)], lengths[own], alpha))
-
     @property
     def answer(self) -> tuple[Modulation, float, float]:
         """The modulation that speaks most against the effect, its p over all asked, and its fall."""
@@ -195,19 +180,6 @@ class ShapeQuestion:
         counted = [p / m.chance for (p, _), m in zip(tests, self.asked, strict=True)]
         first = int(np.argmin(counted))
         return self.asked[first], min(1.0, counted[first]), tests[first][1]
-
-    def power(self, causes: int) -> float:
-        """Probability of a doubt where the size varies with an angle, whichever it is.
-
-        causes : int, among which the chance of a false doubt is shared
-        """
-        found = [
-            (m.chance, self.power_of(k, m.chance * SHAPE_ALPHA / causes))
-            for k, m in enumerate(self.asked)
-            if m.depends_on.startswith("q:")
-        ]
-        chances, powers = np.array(found or [(1.0, 0.0)]).T
-        return float(chances @ powers / chances.sum())
 
     @property
     def _columns(self) -> list[IntArray]:
@@ -226,19 +198,7 @@ def shape_doubt(stage: Stage, fit: Fit, effect: Effect, causes: int = 1) -> Doub
     first, p, fall = asked.answer
     p = min(1.0, causes * p)
     also_there = p >= SHAPE_ALPHA or _also_there(stage, fit, effect, first)
-    return Doubt(p, first.depends_on, fall, also_there, asked.power(causes))
-
-
-def form_matters(fit: Fit, effect: Effect, poses: Poses, floor: float) -> bool:
-    """Whether a wrong form of an effect would show among the noise at poses.
-
-    floor : 3-D RMS of the noise, m per point
-    """
-    own = fit.positions(effect)
-    _, J = fit.model.jacobian(fit.values, poses)
-    lengths = fit.model.readout.channels.lengths
-    moved = (J[..., own] @ fit.moving[own]) * lengths
-    return bool(_PART * np.sqrt((moved**2).sum(axis=-1).mean()) > floor)
+    return Doubt(p, first.depends_on, fall, also_there)
 
 
 def question(stage: Stage, fit: Fit, effect: Effect) -> ShapeQuestion | None:
@@ -248,29 +208,6 @@ def question(stage: Stage, fit: Fit, effect: Effect) -> ShapeQuestion | None:
         return None
     X = _times(stage, fit, effect, np.column_stack([m.centred for m in asked]))
     return ShapeQuestion(asked, X, fit.linear.complement)
-
-
-def wave_power(S: Array, lengths: Array, alpha: float) -> Array:
-    """Power at a level alpha against one wave of an angle, at any phase, shape (...).
-
-    S : ndarray, shape (..., c, c), products of the harmonics of an effect beside all that is modelled,
-        the first two those of the wave; lengths : ndarray, shape (c,), of their columns before
-    The weighted sum is taken for a multiple of a chi-square of equal mean and variance.
-    """
-    from scipy.special import chdtri, chndtr
-
-    d, vectors = np.linalg.eigh(_PART**2 * S)
-    d = np.where(d > (VISIBLE * _PART * lengths.max()) ** 2, d, 0.0)
-    w = d / (1.0 + d)
-    total, squares = w.sum(axis=-1), (w**2).sum(axis=-1)
-    seen = total > 0.0
-    safe = np.where(seen, total, 1.0), np.where(seen, squares, 1.0)
-    scale, dof = safe[1] / safe[0], safe[0] ** 2 / safe[1]
-    phases = np.stack([np.cos(_PHASES), np.sin(_PHASES)])
-    along = np.swapaxes(vectors[..., :2, :], -1, -2) @ phases
-    noncentral = ((w * d)[..., None] * along**2).sum(axis=-2) / scale[..., None]
-    found = 1.0 - chndtr(chdtri(dof, alpha)[..., None], dof[..., None], noncentral)
-    return np.where(seen, found.mean(axis=-1), 0.0)
 
 
 def _also_there(stage: Stage, fit: Fit, effect: Effect, doubted: Modulation) -> bool:

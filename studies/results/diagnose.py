@@ -62,11 +62,13 @@ class FoundCause(LikelyCause):
         usually are; standing : how sure it is; decided_by : what would tell it from the others, beyond
         further poses
     chosen_again : share of ten halves of the configurations in which it, or one of its class, returns
+    shape_p_value, shape_share : of the test of its form, and the part of itself that errs, in squares
     curve_ratio : evidence of the best curve at its place over its own
     """
 
     p_value: Number
     shape_p_value: Maybe = None
+    shape_share: Maybe = None
     alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[CauseParameter, ...]
     share_of_gap: Maybe
@@ -93,6 +95,7 @@ class FoundCause(LikelyCause):
             probability=cause.probability,
             p_value=cause.p,
             shape_p_value=cause.doubt.p,
+            shape_share=evidence.form_share,
             alike=tuple(
                 LikelyCause(effect=c.effect.kind, where=place(c.where, tip), probability=p)
                 for c, p in cause.members
@@ -125,6 +128,12 @@ class FoundCause(LikelyCause):
         """The same in few words."""
         others = len(self.alike) - 1
         return f"{self.key} (or {others} others)" if others > 1 else self.names
+
+    @property
+    def stated(self) -> str:
+        """The same with its share of the error in per cent."""
+        share = self.share_of_gap
+        return f"{self.brief} ({100.0 * share:.0f} %)" if share else self.brief
 
 
 def place(where: str, tip: str) -> str:
@@ -395,10 +404,10 @@ class DiagnoseResult(Result):
         known = [entry for entry in self.could_not_see if entry.left_mm is not None]
         return max(known, key=lambda entry: entry.left_mm or 0.0, default=None)
 
-    @property
-    def kinds(self) -> list[str]:
-        """The effects found, ``effect (3 places)``, the most frequent first."""
-        counts = Counter(effect.effect for effect in self.effects).most_common()
+    @staticmethod
+    def kinds(causes: Sequence[FoundCause]) -> list[str]:
+        """The effects of causes, ``effect (3 places)``, the most frequent first."""
+        counts = Counter(cause.effect for cause in causes).most_common()
         return [f"{kind} ({n} places)" if n > 1 else kind for kind, n in counts]
 
     @property

@@ -337,7 +337,7 @@ def test_what_a_joint_was_off_by_is_predicted_and_runs_with_time(
 
 # -- Whatever speaks against a name makes it less likely, and nothing makes it certain
 
-PLAIN = NameEvidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
+PLAIN = NameEvidence("transmission_harmonic:j2", 1.0, 0.5, 0.0, 1.0, company=False)
 
 
 @pytest.mark.parametrize(
@@ -346,6 +346,12 @@ PLAIN = NameEvidence("transmission_harmonic:j2", 1.0, 0.0, 1.0, company=False)
 def test_what_speaks_against_a_name_lowers_it(against: dict[str, Any]) -> None:
     assert 0.9 < PLAIN.probability < 1.0
     assert replace(PLAIN, **against).probability < PLAIN.probability
+
+
+def test_an_error_of_form_counts_by_its_part() -> None:
+    doubted = replace(PLAIN, form_p=1e-6)
+    minor = replace(doubted, form_share=0.02)
+    assert doubted.probability < 0.92 < minor.probability < PLAIN.probability
 
 
 def test_a_cause_that_follows_what_it_likes_is_less_likely() -> None:

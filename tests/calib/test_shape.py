@@ -72,24 +72,6 @@ def test_a_right_shape_is_doubted_in_three_of_a_hundred(name: str, size: float) 
     assert SHAPE_ALPHA <= 0.03
 
 
-@pytest.mark.parametrize("name", ["backlash:A3", "transmission_harmonic:A4"])
-def test_the_power_is_how_often_a_wrong_shape_is_doubted(name: str) -> None:
-    """Of an effect whose size varies with its joint's angle by 35 %, at any phase."""
-    asked, rng = question(*fitted(name)), np.random.default_rng(12)
-    assert asked is not None
-    k = next(i for i, m in enumerate(asked.asked) if m.depends_on == f"q:{name.split(':')[1]}")
-    first, alpha = sum(m.centred.shape[1] for m in asked.asked[:k]), asked.asked[k].chance
-    alpha, Q, wave = alpha * SHAPE_ALPHA, asked.rest.Q, asked.X[:, first : first + 2]
-    counted, doubted = asked.X.any(axis=1), 0
-    for _ in range(DRAWS):
-        phase = rng.uniform(0.0, 2.0 * np.pi)
-        moved = wave @ (0.35 / np.sqrt(2.0) * np.array([np.cos(phase), np.sin(phase)]))
-        r = rng.normal(size=len(counted)) * counted + moved
-        rest = replace(asked.rest, left=r - Q @ (Q.T @ r))
-        doubted += replace(asked, rest=rest).tested(k)[0] < alpha
-    assert doubted / DRAWS == pytest.approx(asked.power_of(k, alpha), abs=0.08)
-
-
 def _moves(poses: Poses) -> Array:
     return np.asarray(poses.motion)[:, 2]
 

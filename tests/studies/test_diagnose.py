@@ -204,7 +204,7 @@ def said(page: bool = False, **changed: Any) -> str:
 def test_the_verdict_comes_first_and_the_error_next() -> None:
     text = render.markdown(diagnosed(cell="cell"))
     first, second, third = (" ".join(own.split()) for own in text.split("\n\n")[:3])
-    assert first == "**cell: Cause found: backlash:A3.**"
+    assert first == "**cell: Cause found: backlash:A3 (50 % of the error).**"
     assert second == (
         "Error at held-out poses: 0.0520 mm before, 0.0220 mm after; the instrument alone leaves "
         "0.0200 mm."
@@ -222,6 +222,7 @@ RIPPLE = effect("gear_ripple", "A3", standing="one_of", aliases=[30.0])
 SCATTER = rest(0.017, "scatter", "arm", "measured")
 LARGE = rest(0.31, "too_large", "model", "measured")
 FORM = rest(0.0, "structure", "model", "assumed")
+MORE = rest(0.05, "structure", "model", "assumed")
 STIFF = one_of(("joint_compliance", "A2"), ("bearing_compliance", "A2"))
 DRIFT = one_of(("base_drift", "base"), ("tracker_drift", "instrument"))
 TWO = [effect("backlash", "A3"), one_of(("backlash", "A1"), ("settling", "A2"))]
@@ -231,14 +232,18 @@ VERDICTS: list[tuple[str, dict[str, Any], str]] = [
     ("unknown", {"effects": []}, "Unmodelled error at A3, which depends on approach:A3"),
     ("unknown", {"effects": [], "located": []}, "neither its place nor its cause"),
     ("unknown", {"effects": [LIKELY], "rest": LARGE},
-     "Probable cause: backlash:A3; more remains than an arm scatters by."),
-    ("explained", {"gap": ROSE}, "backlash:A3. The error at held-out poses did not fall."),
-    ("partly", {}, "Cause found: backlash:A3; something systematic remains."),
-    ("partly", {"rest": FORM}, "backlash:A3; the exact form may differ."),
-    ("ambiguous", {"effects": [LIKELY]}, "Probable cause: backlash:A3; not confirmed."),
-    ("ambiguous", {"effects": [RIPPLE]}, "gear_ripple:A3. Its cycles per turn may be others."),
+     "Probable cause: backlash:A3 (50 % of the error); more remains than an arm scatters by."),
+    ("unknown", {"effects": [LIKELY]}, "backlash:A3 (50 % of the error); not confirmed."),
+    ("explained", {"gap": ROSE}, "error). The error at held-out poses did not fall."),
+    ("partly", {"rest": MORE}, "backlash:A3 (50 % of the error); something systematic remains."),
+    ("partly", {"rest": FORM}, "backlash:A3 (50 % of the error); the exact form may differ."),
+    ("partly", {"possible": [effect("settling", "A2", standing="likely")]},
+     "Cause found: backlash:A3 (50 % of the error). settling:A2 may be there, too."),
+    ("ambiguous", {"effects": [RIPPLE]},
+     "gear_ripple:A3 (50 % of the error). Its cycles per turn may be others."),
     ("ambiguous", {"effects": TWO},
-     "2 causes found: backlash:A3 and backlash:A1 or settling:A2. These data cannot tell which."),
+     "Cause found: backlash:A3 (50 % of the error). Also backlash:A1 or settling:A2. "
+     "These data cannot tell which."),
     ("ambiguous", {"effects": [STIFF]}, "posecal design CELL --extend DATA --poses 8 --discriminate "
      "joint_compliance:A2,bearing_compliance:A2"),
     ("ambiguous", {"effects": [DRIFT]}, "Correct for any of them: they act alike here."),
@@ -279,7 +284,9 @@ def test_the_answer_is_short_however_many_causes(verdict: str, places: int) -> N
     effects = []
     for k in range(places):
         alike = [likely(kinds[(k + n) % 3], f"shoulder_{k}") for n in range(1 + k % 2)]
-        effects.append(effect(kinds[k % 3], f"shoulder_{k}", **{"class": alike}))
+        standing = {"explained": "established", "ambiguous": "one_of", "unknown": "likely"}[verdict]
+        own = {"class": alike, "standing": standing}
+        effects.append(effect(kinds[k % 3], f"shoulder_{k}", **own))
     remains = rest(0.017, "scatter", "undecided", "assumed")
     of = diagnosed(cell="arm 7", verdict=verdict, effects=effects, located=[], rest=remains)
     answer, _, _ = render.parts(render.markdown(of))

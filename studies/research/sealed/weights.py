@@ -34,6 +34,7 @@ def sealed_names(folder: Path) -> Iterator[tuple[NameEvidence, bool]]:
             evidence = NameEvidence(
                 name_of(effect),
                 1.0 if form_p is None else form_p,
+                effect["shape_share"] or 0.0,
                 effect["curve_ratio"],
                 effect["chosen_again"],
                 company=located.count(effect["where"]) > 1,

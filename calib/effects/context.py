@@ -25,9 +25,10 @@ from calib.instruments.protocol import MOTION, SCALE
 
 ARM = "arm"
 """The place that stands for all links, or all joints, at once."""
-_TURNS = 1e-3  # rad, of a joint under the weight of its arm
+_TURNS, _LIGHT_TURNS = 1e-3, 2.5e-3  # rad, of a joint under the weight of its arm; of a light arm
 _LEVER = 0.25  # of the reach, at which the arm's weight pulls, on average over joints and poses
 _DENSITY, _POWER = 50.0, 2.5  # kg of an arm with a reach of one metre, and how that grows
+_LIGHT = 22.0  # kg for each metre of reach, of the lightest: UR3 to UR10, iiwa, Panda (data sheets)
 _HEAVY = 100.0  # kg: of 2.7 m, a KR 270 has 1100 kg; of 1.3 m, a UR10 has 29
 _INDUSTRIAL = 30.0  # kg for each metre of reach: above, gears have a stated lost motion
 _SOFT = 1e-5  # rad/(N m), of the arm for which the limits of compliances stand
@@ -146,6 +147,15 @@ def softness(context: Context) -> float:
     """By how much a joint usually yields, rad/(N m)."""
     carried = weight(context) * _LEVER + context.payload.mass
     return _TURNS / (carried * _G * context.robot.reach)
+
+
+def softest(context: Context) -> float:
+    """The same, rad/(N m), with strain-wave gears where the arm may be light."""
+    reach, known = context.robot.reach, float(context.robot.masses.sum())
+    if not light(context):
+        return softness(context)
+    carried = (known or _LIGHT * reach) * _LEVER + context.payload.mass
+    return _LIGHT_TURNS / (carried * _G * reach)
 
 
 def softer(context: Context) -> float:

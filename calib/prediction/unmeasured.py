@@ -27,7 +27,7 @@ from calib.arrays import Array, in_parts
 from calib.cell import Cell
 from calib.diagnosis.columns import columns_at
 from calib.effects import catalogue
-from calib.effects.context import Context, softness
+from calib.effects.context import ARM, Context, softest
 from calib.effects.protocol import Effect
 from calib.errors import CalibError
 from calib.model import Model
@@ -38,6 +38,11 @@ from calib.prediction.discrepancy import FittedModel
 
 _KINDS = ("joint_compliance", "thermal_expansion", "base_drift", "backlash")
 """Effects that any arm has, and that readings show only under a load, in heat, in time or by moves."""
+_SIZES = {
+    "thermal_expansion": 1.9e-5,  # m/(m K): of steel 1.2e-5, of aluminium 2.4e-5
+    "backlash": 9e-5,  # rad or m: gears of arms in order have 20 to 200 urad
+}
+"""Of any arm; a cause that a diagnosis looks for is expected larger."""
 _WIDER = 0.05  # of the range of loads, temperatures or times
 
 
@@ -120,12 +125,13 @@ def _plausible(cell: Cell, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
     Drives yield all to one side: of half normal numbers the mean square is ``1 - 2 / pi`` about the
     mean, and ``2 / pi`` common to all.
     """
-    sizes = np.array([p.size for effect in effects for p in effect.parameters])
-    if effects[0].kind != "joint_compliance":
+    kind, each = effects[0].kind, [p.size for effect in effects for p in effect.parameters]
+    sizes = np.array([_SIZES.get(kind, size) for size in each])
+    if kind != "joint_compliance":
         return sizes, np.eye(len(sizes))
     share = 2.0 / np.pi
     common = np.full((len(sizes), len(sizes)), share)
-    sizes[:] = softness(unmeasured_context(cell))
+    sizes[:] = softest(unmeasured_context(cell))
     return sizes, common + (1.0 - share) * np.eye(len(sizes))
 
 
@@ -141,7 +147,8 @@ def _lacking(cell: Cell, model: Model, poses: Poses) -> Iterator[Effect]:
         context = replace(context, lacking=frozenset({"time"}))
     one_sided = _from_one_side(poses, context.robot.joints)
     for kind in _KINDS:
-        for where in catalogue()[kind].places(context):
+        places = catalogue()[kind].places(context)
+        for where in (ARM,) if ARM in places else places:
             there = any(
                 (e.kind, e.where) == (kind, where) or e.contains(kind, where) for e in model.effects
             )

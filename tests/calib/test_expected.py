@@ -251,9 +251,12 @@ def unmeasured(kr270: Cell, kind: str, seed: int) -> tuple[Cell, Measurements, P
     truth = model.initial.copy()
     for i, p in enumerate(model.parameters):
         if p.effect == kind:
-            # A drive turns by about a milliradian under the weight of its arm (850 kg, at 0.7 m).
+            # A drive turns by about a milliradian under the weight of its arm (850 kg, at 0.7 m); gears
+            # have play of 20 to 200 urad.
             soft = abs(rng.normal()) * 1e-3 / (850.0 * 9.81 * 0.7)
-            truth[i] = soft if kind == "joint_compliance" else rng.normal() * p.size
+            play = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log([2e-5, 2e-4])))
+            own = {"joint_compliance": soft, "backlash": play}
+            truth[i] = own.get(kind, rng.normal() * p.size)
         elif p.effect == "geometry":
             truth[i] = 0.5 * rng.normal() * p.size
     data = drawn_readings(model, truth, poses, None, rng, arm=cell.repeatability)

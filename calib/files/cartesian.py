@@ -20,8 +20,8 @@ _LEAP = np.pi / 2.0  # of a joint that turns, between two targets
 
 def is_cartesian(robot: Robot, columns: tuple[str, ...]) -> bool:
     """Whether a table of targets has places of the tip, and no joints."""
-    names = {*robot.joints, *robot.told}
-    joints = names | {f"{j}_{u}" for j in names for u in (*ANGLES, *LENGTHS)}
+    names = robot.joints
+    joints = {*names} | {f"{j}_{u}" for j in names for u in (*ANGLES, *LENGTHS)}
     return not joints & set(columns) and any(f"x_{unit}" in columns for unit in LENGTHS)
 
 

@@ -74,11 +74,12 @@ def propose(
     tree = _tree_of(path)
     first, last, notes = _ends_of(tree)
     robot = load_robot(tree.source.form, path, base or first, tip or last, None, others)
-    known = (*robot.joints, *robot.told)
     held = (joint.name for joint in tree.joints if joint.kind != "fixed")
-    follow = (f"{m.joint} follows {m.master}, which the table tells" for m in robot.mimics)
+    follow = (f"{own.joint} follows {own.factors[0][0]}" for own in robot.couplings)
     notes = (*(() if tip else notes), *follow)
-    return Proposal(robot, tuple(j for j in held if j not in known), notes, tuple(_lacks(robot)))
+    return Proposal(
+        robot, tuple(j for j in held if j not in robot.joints), notes, tuple(_lacks(robot))
+    )
 
 
 def _tree_of(path: Path) -> Tree:

@@ -28,25 +28,19 @@ _CHANGE = "change"
 
 
 def joint_header(robot: Robot, q: Array | None = None) -> list[str]:
-    """Columns that give the joints: masters in place of joints that follow them.
+    """Columns that give the joints: of all but those that others move.
 
     q : ndarray, shape (m, n), values to be given; where some do not follow, every joint has its own
     """
-    follows = q is None or robot.follows(q)
-    given = [
-        own[-1] if follows else own[0]
-        for own in robot.sources
-        if not (follows and own[0].joint in robot.undriven)
-    ]
-    return list(dict.fromkeys(f"{s.master}_{'mm' if s.slides else 'deg'}" for s in given))
+    left = robot.undriven if q is None or robot.follows(q) else ()
+    each = zip(robot.joints, robot.prismatic, strict=True)
+    return [f"{name}_{'mm' if slides else 'deg'}" for name, slides in each if name not in left]
 
 
 def _joint_texts(robot: Robot, q: Array) -> dict[str, list[str]]:
     """Numbers of each of these columns, of joint values (m, n)."""
-    header = joint_header(robot, q)
-    each = zip(joint_columns(Path(), robot, tuple(header)), q.T, strict=True)
-    texts = {c.name: _numbers(c.numbers(own)) for c, own in each if c is not None}
-    return {name: texts[name] for name in header}
+    each = zip(joint_columns(Path(), robot, tuple(joint_header(robot, q))), q.T, strict=True)
+    return {c.name: _numbers(own / c.scale) for c, own in each if c is not None}
 
 
 def _numbers(values: Array, form: str = ".9g") -> list[str]:
@@ -158,7 +152,7 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
     tips = is_cartesian(cell.robot, table.columns)
     header = tuple(joint_header(cell.robot)) if tips else table.columns
     named = zip(joint_columns(table.path, cell.robot, header), found.q.T, strict=True)
-    joints = {c.name: [f"{value:.9g}" for value in c.numbers(q)] for c, q in named if c is not None}
+    joints = {c.name: [f"{value:.9g}" for value in q / c.scale] for c, q in named if c is not None}
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
     changed = zip(cell.robot.joints, cell.robot.prismatic, found.correction.T, strict=True)

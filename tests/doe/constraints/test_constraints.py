@@ -13,7 +13,7 @@ import pytest
 import doe
 from calib import Cell, Tracker, load_cell
 from calib.arm.kinematics import forward, link_origins
-from calib.arm.mimic import Coupling
+from calib.arm.ties import Coupling
 from calib.arm.robot import Capsule, Shapes
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array

@@ -344,5 +344,5 @@ def odd_limits(robot: Robot) -> Iterator[str]:
 
 def _proposed(*given: Any, **named: Any) -> Robot:
     """The robot of a file. Readers stand above the arm, so that one is found by its name."""
-    robot: Robot = import_module("calib.files.proposal").propose(*given, **named).robot
+    robot: Robot = import_module("calib.files.robot").propose(*given, **named).robot
     return robot

@@ -31,8 +31,6 @@ SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
 _NAMES = ("pose", "marker", "instrument", "station", "session")
 _COVARIATES = ("temperature_degC", "time_s", "order")
 OTHERS = (*_NAMES, *_COVARIATES, *SIGMAS, "level", "weight")
-_STRUCK = {"load_block": "take it out: the load is changed at each pose"}
-"""Columns that there are no more, and what to do."""
 _MOST_TURNS = 100.0
 _ALIKE = 0.8  # of names that may be meant for each other
 
@@ -102,7 +100,7 @@ def check_known(
     """
     known, ignored = {*OTHERS, *readings, *shared_columns(robot)}, []
     for name in (own for own in columns if own and own not in known):
-        fault = _STRUCK.get(name) or _fault_of_column(name, robot, columns)
+        fault = _fault_of_column(name, robot, columns)
         if fault is None:
             ignored.append(name)
             continue

@@ -59,8 +59,8 @@ def without_copies(table: CsvTable, cell: Cell, data: Measurements, path: Path) 
     if not len(pairs):
         return data
     chance = _by_chance(table, instrument, data)[pairs[:, 1]]
-    stuck = pairs[~alike & (chance * len(data) ** 2 < _CHANCE)]
-    copied = pairs[alike] if alike.any() and _too_many(data, chance[alike]) else pairs[:0]
+    unlikely = chance * len(data) ** 2 < _CHANCE
+    stuck, copied = pairs[~alike & unlikely], pairs[alike & unlikely]
     warnings = [*data.warnings]
     if len(stuck):
         warnings.append(
@@ -114,14 +114,3 @@ def _by_chance(table: CsvTable, instrument: Tracker, data: Measurements) -> Arra
     share = np.array(steps) / (2.0 * np.sqrt(np.pi) * stated[..., None] / _QUIETER)
     each = np.where(data.seen[..., None], np.minimum(share, 1.0), 1.0)
     return np.asarray(each.prod(axis=(1, 2)))
-
-
-def _too_many(data: Measurements, chance: Array) -> bool:
-    """Whether more readings at equal joints are equal than an instrument with noise would repeat."""
-    from scipy.special import betainc
-
-    _, counts = np.unique(data.poses.repeated, return_counts=True)
-    equal = len(chance)
-    again = max(int((counts - 1).sum()), equal)
-    # So many or more of ``again`` by chance: the tail of a binomial distribution.
-    return bool(betainc(equal, again - equal + 1, float(chance.max())) < _CHANCE)

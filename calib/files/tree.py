@@ -110,7 +110,8 @@ class Tree:
     def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> list[Joint]:
         """Joints from ``base`` to ``tip``, to other links, and to joints that move any of these.
 
-        Parents come first, and fixed joints are among them. Raises InputError where no way of joints leads there, or one of an unknown kind.
+        Parents come first, and fixed joints are among them. Raises InputError where no way of joints
+        leads there, or one of an unknown kind.
         """
         on = [("'on' of what it carries", other) for other in others]
         for key, name in (("[robot] base", base), ("[robot] tip", tip), *on):

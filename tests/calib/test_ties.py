@@ -17,8 +17,8 @@ import doe
 from calib import Cell
 from calib.arm.inverse import solutions
 from calib.arm.kinematics import forward
-from calib.arm.ties import Coupling, ties_of
 from calib.arm.robot import Robot
+from calib.arm.ties import Coupling, ties_of
 from calib.arrays import Array
 from calib.cell.planned import Planned
 from calib.cell.tables import CouplingTable

@@ -19,11 +19,7 @@ Form: TypeAlias = Literal["urdf", "mjcf", "dh"]
 Convention: TypeAlias = Literal["classic", "modified"]
 """Of a DH table."""
 FORMS: tuple[Form, ...] = get_args(Form)
-_IN_WORDS = {
-    "urdf": "URDF",
-    "mjcf": "MJCF",
-    "dh": "DH table",
-}
+_IN_WORDS = {"urdf": "URDF", "mjcf": "MJCF", "dh": "DH table"}
 _FOLLOWS = 1e-7  # rad or m
 _DOUBLINGS = 8  # of configurations drawn, where a joint that others move leaves its limits
 _LONGEST = 50.0  # m, of a slide; the longest tracks of robots are shorter

@@ -16,13 +16,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.effects.context import Context, joint_index, motion_of
 from calib.effects.joint import along_axis, error_unit
-from calib.effects.protocol import (
-    ConstantTwist,
-    DirectedEffect,
-    Effect,
-    FrameEffect,
-    Parameter,
-)
+from calib.effects.protocol import ConstantTwist, DirectedEffect, Effect, FrameEffect, Parameter
 from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.effects.tool_base import MARKER
 from calib.effects.tuned import ANY_TUNING, Tuned

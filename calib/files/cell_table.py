@@ -32,6 +32,7 @@ _PLAINLY = {
     "too_short": "has no entry; at least one is needed",
 }
 
+
 def cell_table(path: Path) -> CellFile:
     """The checked tables of a cell file, as they stand in it. Raises InputError."""
     try:

@@ -11,15 +11,7 @@ from pydantic import AfterValidator, model_validator
 
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import CellParts, KeysTable
-from calib.instruments.protocol import (
-    POINT,
-    ZERO,
-    Linear,
-    Nominal,
-    ReadingColumn,
-    Start,
-    Unknown,
-)
+from calib.instruments.protocol import POINT, ZERO, Linear, Nominal, ReadingColumn, Start, Unknown
 from calib.instruments.touching import Even, around, best, contacts, mirrored
 from calib.keys import MM, Flag, NotNegative, Point, PositiveMetres, key, ordered
 

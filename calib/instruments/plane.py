@@ -12,14 +12,7 @@ from pydantic import model_validator
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import KeysTable
-from calib.instruments.protocol import (
-    ZERO,
-    Linear,
-    Nominal,
-    ReadingColumn,
-    Start,
-    Unknown,
-)
+from calib.instruments.protocol import ZERO, Linear, Nominal, ReadingColumn, Start, Unknown
 from calib.instruments.touching import Surface, best, contacts
 from calib.keys import MM, Direction, PositiveMetres, Vector, key
 

@@ -18,14 +18,7 @@ from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.placing import hand_eye
-from calib.instruments.protocol import (
-    MOTION,
-    Component,
-    Linear,
-    Nominal,
-    ReadingColumn,
-    Start,
-)
+from calib.instruments.protocol import MOTION, Component, Linear, Nominal, ReadingColumn, Start
 from calib.instruments.riding import CORNERS, DIFFERENCES, frame_of, twist_of
 from calib.instruments.tracker import Tracker
 from calib.keys import MM, SMALLEST, URAD, Positive, Row

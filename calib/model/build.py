@@ -35,12 +35,10 @@ _COVARIATES = {
         "nothing says from which side the joints came",
         "add columns approach_<joint>, or give measured poses in their order",
     ),
-    "motion": (
-        "nothing says how far the joints went before",
-        "give measured poses in their order",
-    ),
+    "motion": ("nothing says how far the joints went before", "give measured poses in their order"),
     "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
 }
+
 
 @dataclass(frozen=True, eq=False)
 class Built:

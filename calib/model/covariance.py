@@ -230,10 +230,7 @@ def task_error(errors: Array, weights: Array) -> tuple[float, float]:
 
     errors, weights : ndarray, shape (m,)
     """
-    return (
-        float(np.sqrt(weights @ errors**2 / weights.sum())),
-        float(errors[weights > 0].max()),
-    )
+    return (float(np.sqrt(weights @ errors**2 / weights.sum())), float(errors[weights > 0].max()))
 
 
 def accuracy(

@@ -62,12 +62,13 @@ def init(
         if path.exists():
             raise InputError(path, "", "already exists", "name another folder by -o, or move it")
     make_folder(folder)
-    call.check(found.robot.source.files, cell_path, table_path)
+    files = found.robot.source.files
+    call.check(files, cell_path, table_path)
     beside = Path(os.path.relpath(robot_path.resolve(), folder.resolve())).as_posix()
     name = found.robot.name or robot_path.stem
     header = csv_text(measurement_columns(found.robot, (Tracker(),)), [])
     texts = {cell_path: cell_text(found, beside, name), table_path: header}
-    result = InitResult.of(found, name, table_path, call.envelope(str(cell_path), found.robot.source.files))
+    result = InitResult.of(found, name, table_path, call.envelope(str(cell_path), files))
     following = f"then  posecal design {cell_path} -o {folder / 'plan.csv'}"
     call.deliver(result, texts, notes=[following])
 

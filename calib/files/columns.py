@@ -132,8 +132,7 @@ def shared_columns(robot: Robot) -> set[str]:
     """Columns in which all rows of one pose must agree: joints, wrench, time and heat."""
     joints = robot.joints
     shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
-    for unit in (*ANGLES, *LENGTHS):
-        shared |= {f"{before}{j}_{unit}" for j in joints for before in ("", "move_")}
+    shared |= {f"{j}_{unit}" for j in joints for unit in (*ANGLES, *LENGTHS)}
     return shared - {"pose", "marker", "instrument", *SIGMAS}
 
 
@@ -141,16 +140,6 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
     """Column of the torque, or force, that the arm measured at each joint."""
     each = zip(robot.joints, robot.prismatic, strict=True)
     return tuple(f"{joint}_{'N' if slides else 'Nm'}" for joint, slides in each)
-
-
-def motion_columns(columns: Sequence[str], robot: Robot) -> dict[str, float]:
-    """Column of each joint's last move, and its unit in SI; of any unit that a table has."""
-    found = {}
-    for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
-        named = titles(f"move_{joint}", units_of(slides))
-        column = next((name for name in named if name in columns), next(iter(named)))
-        found[column] = named[column]
-    return found
 
 
 def joint_values(table: CsvTable, robot: Robot) -> Array:
@@ -178,11 +167,6 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     driven = [joint not in robot.undriven for joint in robot.joints]
     if (torque := _of_joints(table, torque_columns(robot), driven)) is not None:
         fields["torque"] = torque[rows]
-    units = motion_columns(table.columns, robot)
-    if (moved := _of_joints(table, [*units], driven)) is not None:
-        moved = moved[rows] * [*units.values()]
-        fields["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
-        fields["motion_told"] = True
     signs = [f"approach_{joint}" for joint in robot.joints]
     if (approach := _of_joints(table, signs, driven)) is not None:
         for row, j in np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[:1].tolist():

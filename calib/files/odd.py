@@ -14,7 +14,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array, Mask
 from calib.cell import Cell
-from calib.cell.odd import odd_markers, odd_noise
+from calib.cell.cell import odd_markers, odd_noise
 from calib.effects import catalogue
 from calib.effects.protocol import ElasticEffect
 from calib.errors import InputError

@@ -11,12 +11,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.arm.enclosing import enclosing_capsule
 from calib.arm.robot import Capsule, Place, Robot, Shapes, Source
 from calib.arm.se3 import steiner, transformed
 from calib.arm.ties import Coupling, moves_itself
 from calib.arrays import Array
 from calib.errors import InputError
+from calib.files.shapes import enclosing_capsule
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _MOST_JOINTS = 100  # that move

@@ -15,7 +15,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.cartesian import is_cartesian
-from calib.files.columns import WRENCH, joint_columns, motion_columns, torque_columns
+from calib.files.columns import WRENCH, joint_columns, torque_columns
 from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
@@ -98,7 +98,7 @@ def _reading_texts(instrument: Instrument, numbers: Array) -> dict[str, str]:
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
-    """Columns of temperature, time, torques, moves, station and session, where poses have them."""
+    """Columns of temperature, time, torques, sides, station and session, where poses have them."""
     robot, columns = cell.robot, dict[str, list[str]]()
     if poses.temperature is not None:
         columns["temperature_degC"] = _numbers(poses.temperature, ".6g")
@@ -110,9 +110,6 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
     if poses.approach is not None and not poses.approach_derived:
         signs = zip(robot.joints, poses.approach.T, strict=True)
         columns |= {f"approach_{joint}": _numbers(own, ".0f") for joint, own in signs}
-    if poses.motion is not None and poses.motion_told:
-        moves = zip(motion_columns((), robot).items(), poses.motion.T, strict=True)
-        columns |= {name: _numbers(own / scale) for (name, scale), own in moves}
     if len(poses.stations) > 1:
         columns["station"] = [poses.stations[i] for i in poses.station]
     if poses.session is not None:

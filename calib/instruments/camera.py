@@ -34,7 +34,6 @@ from calib.keys import (
     DEG,
     Count,
     Name,
-    NotNegative,
     Number,
     Positive,
     TomlTable,
@@ -347,19 +346,6 @@ class IntrinsicsStd(TomlTable):
         return np.array(std, dtype=float)
 
 
-def _listed(given: list[float]) -> Array:
-    known = np.array([*given, *[0.0] * (len(Lens.names) - len(given))])
-    return np.where(known > 0.0, known, np.nan)
-
-
-_List = Annotated[list[NotNegative], Field(min_length=1, max_length=9)]
-_Believed = (
-    Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)]
-    | Annotated[Array, Written(_List, _listed)]
-    | None
-)
-
-
 class CameraTable(BodyTable, KeysTable):
     """A camera: its keys in a cell."""
 
@@ -387,8 +373,8 @@ class CameraTable(BodyTable, KeysTable):
     explain camera`)"""
     free: FreeParts = []
     """camera: parts of the lens that are identified"""
-    intrinsics_std: _Believed = None
-    """camera: standard deviation of the lens values; a list is fx fy cx cy k1 k2 p1 p2 k3"""
+    intrinsics_std: Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)] | None = None
+    """camera: standard deviations of the lens values"""
     tilt: Annotated[Positive, Field(lt=90), times(DEG), key("max_tilt_deg")] = 60.0 * DEG
     """camera: largest angle between the line of sight and a board's normal in a plan"""
     min_points: Count | None = None

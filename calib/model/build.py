@@ -13,7 +13,8 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
 from calib.effects.context import ARM, turning_joints
-from calib.effects.protocol import Constant, ConstantTwist, ElasticEffect, LoadEffect, PoseEffect
+from calib.effects.geometry import Geometry
+from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
 from calib.effects.tool_base import Tool, sought
 from calib.effects.tuned import amid
@@ -113,7 +114,7 @@ def place_effect(
     for covariate in kind.uses:
         if covariate in context.lacking:
             raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
-    if parameters is None or not isinstance(effect, ConstantTwist | Tool):
+    if parameters is None or not isinstance(effect, Geometry | Tool):
         return effect
     names = [p.name for p in effect.parameters]
     return effect.only(tuple(names.index(name) for name in parameters if name in names))

@@ -244,11 +244,11 @@ J2,revolute,0.05,-0.2,275,3.141592653589793
 J3,prismatic,0.02,0,0,0
 J4,revolute,0.01,0.3,0,0
 """,
-    "a gantry": """joint,kind,alpha_deg,a_m,theta_deg,d_mm,beta_deg
-X,prismatic,-90,0.01,-90,12.5,0
-Y,prismatic,90,0.02,90,0,0
-B,revolute,0,0.1,0,50,0.03
-C,revolute,30,0.2,45,10,0
+    "a gantry": """joint,kind,alpha_deg,a_m,theta_deg,d_mm
+X,prismatic,-90,0.01,-90,12.5
+Y,prismatic,90,0.02,90,0
+B,revolute,0,0.1,0,50
+C,revolute,30,0.2,45,10
 """,
 }
 

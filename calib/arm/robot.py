@@ -216,11 +216,6 @@ class Robot:
         """Joints that may be chosen freely, shape (n,)."""
         return np.asarray(self.ties.matrix.any(axis=0))
 
-    @property
-    def coupled(self) -> Mask:
-        """Joints that follow another, or lead one, shape (n,)."""
-        return np.asarray((self.ties.matrix != 0.0).sum(axis=0) != 1)
-
     def shown(self, q: Array) -> dict[str, float]:
         """Joint values (n,) as people read them, by their columns: ``A1_deg``, ``rail_mm``."""
         values = np.where(self.prismatic, q * 1e3, np.degrees(q)).tolist()

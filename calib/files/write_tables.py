@@ -14,7 +14,6 @@ from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.cartesian import is_cartesian
 from calib.files.columns import WRENCH, joint_columns, torque_columns
 from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
@@ -146,9 +145,7 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
 
     table : CsvTable, the targets that were compensated
     """
-    tips = is_cartesian(cell.robot, table.columns)
-    header = tuple(joint_header(cell.robot)) if tips else table.columns
-    named = zip(joint_columns(table.path, cell.robot, header), found.q.T, strict=True)
+    named = zip(joint_columns(table.path, cell.robot, table.columns), found.q.T, strict=True)
     joints = {c.name: [f"{value:.9g}" for value in q / c.scale] for c, q in named if c is not None}
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}

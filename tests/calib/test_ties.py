@@ -15,7 +15,6 @@ import pytest
 import calib
 import doe
 from calib import Cell
-from calib.arm.inverse import solutions
 from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
 from calib.arm.ties import Coupling, ties_of
@@ -141,12 +140,6 @@ def test_what_is_drawn_keeps_to_it_and_within_all_limits(arm: tuple[Robot, list[
     here = cell(robot)
     assert follows(robot, sobol_poses(here, 50, 0).q)
     assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
-    tips = forward(robot, sobol_poses(here, 3, 1).q)
-    reference = robot.tied(robot.sample_limits().mean(axis=1))
-    for found in solutions(robot, tips.R[:, -1], tips.o[:, -1]):
-        assert len(found.q)
-        assert all(np.allclose(robot.tied(q), q, atol=1e-9) for q in found.q)
-        assert follows(robot, found.nearest(robot, reference))
 
 
 def test_a_plan_keeps_to_it_and_tells_the_master(

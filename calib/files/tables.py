@@ -20,8 +20,14 @@ from calib.files.columns import (
     shared_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
-from calib.files.duplicates import refuse_payload_and_wrench, without_copies
-from calib.files.odd import odd_cell, odd_joints, odd_readings, refuse_radians
+from calib.files.odd import (
+    odd_cell,
+    odd_joints,
+    odd_readings,
+    refuse_payload_and_wrench,
+    refuse_radians,
+    without_copies,
+)
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves

@@ -193,7 +193,7 @@ def test_sockets_are_one_instrument_at_several_sites(tmp_path: Path) -> None:
     wire, plane, sockets = cell.instruments
     assert isinstance(wire, Distance)
     assert wire.known
-    np.testing.assert_allclose(wire.anchor, [0.1, 0.0, 0.0])
+    np.testing.assert_allclose(wire.standing, [0.1, 0.0, 0.0])
     assert [u.name for u in wire.unknowns] == ["offset"]
     assert isinstance(plane, Plane)
     assert plane.sigma == pytest.approx(1e-5)

@@ -185,11 +185,11 @@ class Cell:
         return tuple(name for i, name in enumerate(self.marker_names) if i not in under)
 
     @property
-    def single_markers(self) -> tuple[int, ...]:
-        """Markers that are no points of a body or of what an instrument rides on, by number."""
+    def single_markers(self) -> tuple[str, ...]:
+        """Names of the markers that are no points of a body or of what an instrument rides on."""
         parts = (*self.bodies.values(), *self.seats.values())
         ridden = {i for own in parts for i in range(own.start, own.stop)}
-        return tuple(i for i in range(len(self.markers)) if i not in ridden)
+        return tuple(name for i, name in enumerate(self.marker_names) if i not in ridden)
 
     @property
     def unseen_joints(self) -> tuple[str, ...]:

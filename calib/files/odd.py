@@ -46,7 +46,8 @@ def odd_cell(cell: Cell) -> Iterator[str]:
     for instrument in cell.instruments:
         if text := odd_noise(instrument):
             yield f"{cell.path}: {instrument.name}: {text}"
-    if text := odd_markers(cell.markers[list(cell.single_markers)]):
+    single = [cell.marker_names.index(name) for name in cell.single_markers]
+    if text := odd_markers(cell.markers[single]):
         yield f"{cell.path}: markers_mm: {text}"
 
 

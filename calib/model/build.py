@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -142,24 +142,11 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
             levels = cell.design.levels[joint].values
             if levels is not None:
                 knots[joint] = levels
-    context = Context(
-        robot=cell.robot,
-        markers=cell.markers,
-        marker_names=cell.marker_names,
-        knots=knots,
-        anchors=dict(cell.anchors),
-        gravity=cell.gravity,
-        payload=cell.payload,
-        measured_load=cell.load is not None,
-        gear_ratios=dict(cell.gear_ratios),
-        instruments=cell.instruments,
-        bodies=dict(cell.bodies),
-        seats=dict(cell.seats),
-    )
+    own = {field.name: getattr(cell, field.name) for field in fields(Cell)} | {"knots": knots}
     if poses is None:
-        return context
-    return replace(
-        context,
+        return Context(**own, measured_load=cell.load is not None)
+    return Context(
+        **own,
         stations=poses.stations,
         measured_load=bool(poses.wrench.any() or poses.load_mass.any()),
         lacking=lacking(poses),

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from calib.arm.approach import STEPS, approached, turns
+from calib.arm.approach import approached, turns
 from calib.arm.kinematics import Frames, point_slopes
 from calib.arm.robot import Robot
 from calib.arm.se3 import displacement, fit_rigid, inverse, rotate, so3_exp, so3_log, transform
@@ -122,7 +122,7 @@ def looking(cell: Cell, q: Array, wanted: IntArray, even: Array, free: Mask) -> 
         if len(own):
             goal = view.tips(view.placed(even[own], cell.robot.reach))
             missed = partial(_missed, cell.robot, view, goal)
-            q[own] = approached(cell.robot, q[own], free, missed, _RELUCTANT, STEPS)
+            q[own] = approached(cell.robot, q[own], free, missed, _RELUCTANT)
     return q
 
 

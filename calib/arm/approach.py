@@ -20,36 +20,25 @@ Equations: TypeAlias = Callable[[IntArray, Frames], tuple[Array, Array]]
 """Of some starts (n,) and the arm there: what is missed (n, r), m, and its derivatives (n, r, dof)."""
 
 _THERE = 1e-10  # m
-STEPS, _BY_NOW = 30, 8
-_NEAR = 0.05  # of the reach: a start that is farther by now will not come
+_STEPS = 30
 _LONGEST = 0.5  # rad, or of the reach, in one step
-# Of the largest lever, and beside it: damping near singular poses.
-_RELUCTANT, _NOTHING = 1e-8, 1e-12
+_NOTHING = 1e-12  # beside the largest lever: damping near singular poses
 
 
-def approached(
-    robot: Robot,
-    q: Array,
-    free: Mask,
-    missed: Equations,
-    reluctant: float = _RELUCTANT,
-    patience: int = _BY_NOW,
-) -> Array:
+def approached(robot: Robot, q: Array, free: Mask, missed: Equations, reluctant: float) -> Array:
     """Where the steps from joint values (m, dof) end.
 
     free : ndarray of bool, shape (dof,), joints that may move
     reluctant : damping, of the largest lever: more where the equations are more than the joints
-    patience : steps after which a start that is still far is given up
     """
     q = q.copy()
     low, high = robot.sample_limits().T
     units = np.where(robot.prismatic, robot.reach, 1.0)
     now = np.arange(len(q))
-    for count in range(STEPS):
+    for _ in range(_STEPS):
         off, J = missed(now, forward(robot, q[now]))
         size = np.linalg.norm(off, axis=1)
-        coming = (size < _NEAR * robot.reach) | (count < patience)
-        left = (size > _THERE) & coming
+        left = size > _THERE
         now, off = now[left], off[left]
         if not len(now):
             break

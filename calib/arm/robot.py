@@ -11,7 +11,7 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
-from calib.arm.mimic import Coupling, Mimic, Ties, reachable, ties_of
+from calib.arm.ties import Coupling, Ties, reachable, ties_of
 from calib.arrays import Array, IntArray, Mask
 from calib.sobol import Sobol
 
@@ -19,11 +19,7 @@ Form: TypeAlias = Literal["urdf", "mjcf", "dh"]
 Convention: TypeAlias = Literal["classic", "modified"]
 """Of a DH table."""
 FORMS: tuple[Form, ...] = get_args(Form)
-_IN_WORDS = {
-    "urdf": "URDF",
-    "mjcf": "MJCF",
-    "dh": "DH table",
-}
+_IN_WORDS = {"urdf": "URDF", "mjcf": "MJCF", "dh": "DH table"}
 _FOLLOWS = 1e-7  # rad or m
 _DOUBLINGS = 8  # of configurations drawn, where a joint that others move leaves its limits
 _LONGEST = 50.0  # m, of a slide; the longest tracks of robots are shorter
@@ -94,8 +90,7 @@ class Robot:
     inertias : ndarray, shape (n, 3, 3), kg m^2, about them, in the axes of these frames; or None
     losses : ndarray, shape (n, 3), damping [N m s/rad], dry friction [N m] and armature [kg m^2] of
         each joint, or with N and m; or None
-    mimics : tuple of Mimic, joints that follow another
-    couplings : tuple of Coupling, joints that others move together
+    couplings : tuple of Coupling, joints that others move
     speeds, accelerations : ndarray, shape (n,), the most that the drives give, rad/s or m/s and these
         per second; NaN where none is given, None where none is at all
     shapes : Shapes; source : Source
@@ -119,7 +114,6 @@ class Robot:
     coms: Array
     inertias: Array | None = None
     losses: Array | None = None
-    mimics: tuple[Mimic, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     speeds: Array | None = None
     accelerations: Array | None = None
@@ -215,17 +209,12 @@ class Robot:
     @cached_property
     def ties(self) -> Ties:
         """What the joints are by those that may be chosen freely."""
-        return ties_of(self.joints, self.mimics, self.couplings)
+        return ties_of(self.joints, self.couplings)
 
     @property
     def free(self) -> Mask:
         """Joints that may be chosen freely, shape (n,)."""
         return np.asarray(self.ties.matrix.any(axis=0))
-
-    @property
-    def coupled(self) -> Mask:
-        """Joints that follow another, or lead one, shape (n,)."""
-        return np.asarray((self.ties.matrix != 0.0).sum(axis=0) != 1)
 
     def shown(self, q: Array) -> dict[str, float]:
         """Joint values (n,) as people read them, by their columns: ``A1_deg``, ``rail_mm``."""
@@ -235,30 +224,15 @@ class Robot:
 
     def tied(self, q: Array) -> Array:
         """Joint values (..., n) with those that follow put where they belong."""
-        return q @ self.ties.matrix.T + self.ties.shift if self.mimics or self.couplings else q
+        return q @ self.ties.matrix.T + self.ties.shift if self.couplings else q
 
     def follows(self, q: Array) -> bool:
         """Whether joints that follow others stand in joint values (..., n) where these put them."""
         return bool((np.abs(self.tied(q) - q) < _FOLLOWS).all())
 
     @property
-    def sources(self) -> tuple[tuple[Mimic, ...], ...]:
-        """What tells each joint: itself, and its master where it follows one."""
-        masters = {mimic.joint: (mimic,) for mimic in self.mimics}
-        return tuple(
-            (Mimic(name, name, slides, 1.0, 0.0), *masters.get(name, ()))
-            for name, slides in zip(self.joints, self.prismatic.tolist(), strict=True)
-        )
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """Joints that tell where all are: those that move by themselves, and masters."""
-        masters = (own[-1].master for own in self.sources)
-        return tuple(dict.fromkeys(name for name in masters if name not in self.undriven))
-
-    @property
     def undriven(self) -> frozenset[str]:
-        """Joints that several others move together: these tell where they are."""
+        """Joints that others move: these tell where they are."""
         return frozenset(coupling.joint for coupling in self.couplings)
 
     @cached_property
@@ -312,11 +286,17 @@ class Robot:
     def sample_limits(self) -> Array:
         """Finite joint ranges, shape (n, 2): the limits, else +-pi or +-1 m.
 
-        Within them, joints that lead keep those that follow inside theirs.
+        Within them, joints that lead keep those that follow inside theirs. A joint that follows and has
+        no limits ranges as far as these move it.
         """
         fallback = np.where(self.prismatic, 1.0, np.pi)[:, None] * np.array([-1.0, 1.0])
-        limits = reachable(self.ties, self.limits)
-        return np.where(np.isfinite(limits), limits, fallback)
+        limits, ties = reachable(self.ties, self.limits), self.ties
+        found = np.where(np.isfinite(limits), limits, fallback)
+        middle, half = found.mean(axis=1), np.ptp(found, axis=1) / 2.0
+        follows = ties.matrix @ middle + ties.shift, np.abs(ties.matrix) @ half
+        moved = np.stack([follows[0] - follows[1], follows[0] + follows[1]], axis=1)
+        open_ended = np.isinf(limits) & ~self.free[:, None]
+        return np.where(open_ended, moved, found)
 
     def sobol(self, count: int, seed: int = 0) -> Array:
         """Joint values (count, n) of a scrambled Sobol sequence over these ranges, rad or m.
@@ -355,5 +335,5 @@ def odd_limits(robot: Robot) -> Iterator[str]:
 
 def _proposed(*given: Any, **named: Any) -> Robot:
     """The robot of a file. Readers stand above the arm, so that one is found by its name."""
-    robot: Robot = import_module("calib.files.proposal").propose(*given, **named).robot
+    robot: Robot = import_module("calib.files.robot").propose(*given, **named).robot
     return robot

@@ -13,12 +13,14 @@ import numpy as np
 from calib.arm.robot import Robot, Shapes
 from calib.arm.statics import STANDARD_GRAVITY, Payload
 from calib.arrays import Array, IntArray
-from calib.cell.odd import odd_markers, odd_noise
 from calib.cell.planned import Load, MotionKeys, Pace, Planned, Repeatability
 from calib.errors import CalibError, InputError
 from calib.instruments import TRACKER, Channels, Instrument, KnownDistance, Tracker
 from calib.noise import Noise
 
+_FINEST, _COARSEST = 1e-7, 5e-3  # m: no instrument of this trade reads better, or worse
+_UNSTATED = 1.0  # m, of an instrument of which nothing is said
+_NEAREST, _FARTHEST = 2e-3, 20.0  # m: between these lie the markers on a tool
 SizePrior: TypeAlias = Literal["estimated", "off"] | Mapping[str, float]
 """Of the sizes of errors: found from the data, not counted, or widths by ``kind_unit``."""
 
@@ -183,11 +185,11 @@ class Cell:
         return tuple(name for i, name in enumerate(self.marker_names) if i not in under)
 
     @property
-    def single_markers(self) -> tuple[int, ...]:
-        """Markers that are no points of a body or of what an instrument rides on, by number."""
+    def single_markers(self) -> tuple[str, ...]:
+        """Names of the markers that are no points of a body or of what an instrument rides on."""
         parts = (*self.bodies.values(), *self.seats.values())
         ridden = {i for own in parts for i in range(own.start, own.stop)}
-        return tuple(i for i in range(len(self.markers)) if i not in ridden)
+        return tuple(name for i, name in enumerate(self.marker_names) if i not in ridden)
 
     @property
     def unseen_joints(self) -> tuple[str, ...]:
@@ -269,3 +271,31 @@ def _points(robot: Robot, markers: Array | Mapping[str, Sequence[float]]) -> dic
     if any(own.shape != (3,) or not np.isfinite(own).all() for own in points.values()):
         raise CalibError("markers: each is three finite coordinates in metres, in the tip frame")
     return points
+
+
+# -- numbers that look like another unit's
+
+
+def odd_noise(instrument: Instrument, finest: float = _FINEST) -> str:
+    """What is odd about a standard deviation, below ``finest`` [m] or too large; empty for nothing."""
+    sigma = instrument.even
+    lengths = instrument.numbers[0].unit == "mm"
+    if sigma is None or not lengths or sigma == _UNSTATED or finest <= sigma <= _COARSEST:
+        return ""
+    meant, factor = ("micrometres", 1.0) if sigma > _COARSEST else ("metres", 1e6)
+    return (
+        f"a standard deviation of {sigma * 1e3:.4g} mm is that of no instrument: if these are "
+        f"{meant}, write {sigma * factor:.4g} mm (Python takes metres)"
+    )
+
+
+def odd_markers(markers: Array) -> str:
+    """What is odd about markers (M, 3), m, in their tip's frame; empty where nothing is."""
+    away = float(np.linalg.norm(markers, axis=1).max(initial=0.0))
+    if 0.0 < away < _NEAREST and len(markers) > 1:
+        remedy = "if these are metres, write millimetres"
+    elif away > _FARTHEST:
+        remedy = "if these are millimetres in Python, write metres"
+    else:
+        return ""
+    return f"the farthest is {away * 1e3:.3g} mm from its link's origin: {remedy}"

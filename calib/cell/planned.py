@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from calib.arm.se3 import from_xyz_rpy
 from calib.arrays import Array
@@ -176,13 +176,6 @@ class Targets:
     weights: Array
 
 
-def _no_switch(value: object) -> object:
-    """Refuse the value that said that there is no floor: none is assumed."""
-    if value is False:
-        raise ValueError("takes a height; leave it out where there is no floor")
-    return value
-
-
 @dataclass(frozen=True, eq=False)
 class Planned:
     """Defaults of a design, in m and s; below each field stands what its key holds."""
@@ -206,7 +199,7 @@ class Planned:
     """number of repeat visits (posecal explain design)"""
     obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], tuple), key("obstacle")] = ()
     """bodies that the arm must not touch (posecal explain constraints)"""
-    floor: Annotated[Annotated[Metres, BeforeValidator(_no_switch)] | None, key("floor_mm")] = None
+    floor: Annotated[Metres | None, key("floor_mm")] = None
     """height of the floor or table in the base's frame (posecal explain constraints)"""
     margin: Annotated[NotNegativeMetres, key("margin_mm")] = 0.0
     """distance that the arm keeps of floor and obstacles, at the poses and between them"""

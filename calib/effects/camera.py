@@ -51,6 +51,17 @@ class LensEffect(ReadingEffect):
     def changes(self, instrument: Instrument) -> bool:
         return isinstance(instrument, Camera) and self.where == f"camera:{instrument.name}"
 
+    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
+        """Each pixel is led back to its ray by the cell's lens, and on by the true one."""
+        ideal = self.lens.ideal(points)
+        ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
+        _, by_ray, _ = self.lens.linearise(ray)
+        by = np.zeros((*values.shape[:-1], len(self.lens.values)))
+        by[..., self.values] = values
+        pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
+        turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
+        return pixels, turn, by_lens[..., self.values]
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         focal = float(self.lens.values[FOCAL].mean())
@@ -70,25 +81,12 @@ class Focal(LensEffect):
     kind: ClassVar[str] = "focal"
     values: ClassVar[slice] = FOCAL
 
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        """The image grows about the principal point."""
-        focal, centre = self.lens.values[FOCAL], self.lens.values[CENTER]
-        grown = 1.0 + values[..., None, None, :] / focal
-        away = points - centre
-        turn, by = grown[..., None] * np.eye(2), (away / focal)[..., None] * np.eye(2)
-        return centre + grown * away, turn, by
-
 
 class PrincipalPoint(LensEffect):
     """The point where the optical axis meets the image."""
 
     kind: ClassVar[str] = "principal_point"
     values: ClassVar[slice] = CENTER
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        """The image is shifted."""
-        shifted = points + values[..., None, None, :]
-        return shifted, np.eye(2), np.broadcast_to(np.eye(2), (*shifted.shape, 2))
 
 
 class Distortion(LensEffect):
@@ -97,14 +95,3 @@ class Distortion(LensEffect):
     kind: ClassVar[str] = "distortion"
     values: ClassVar[slice] = DISTORTION
     first: ClassVar[bool] = True
-
-    def linearise(self, values: Array, poses: Poses, points: Array) -> tuple[Array, Array, Array]:
-        """Each pixel is led back to its ray by the cell's lens, and on by the true distortion."""
-        ideal = self.lens.ideal(points)
-        ray = np.concatenate([ideal, np.ones((*ideal.shape[:-1], 1))], axis=-1)
-        _, by_ray, _ = self.lens.linearise(ray)
-        by = np.zeros((*values.shape[:-1], len(self.lens.values)))
-        by[..., self.values] = values
-        pixels, by_true, by_lens = self.lens.moved(by).linearise(ray)
-        turn = by_true[..., :2] @ np.linalg.inv(by_ray[..., :2])
-        return pixels, turn, by_lens[..., self.values]

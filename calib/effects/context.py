@@ -10,16 +10,12 @@ milliradian under the weight of the arm. Strain-wave gears of small arms yield b
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
-from calib.arm.robot import Robot
-from calib.arm.statics import STANDARD_GRAVITY, Payload
-from calib.arrays import Array
+from calib.cell import Cell
 from calib.errors import EffectCannotAct
-from calib.instruments import TRACKER, Camera, Instrument
+from calib.instruments import Camera
 from calib.instruments.board import Board
 from calib.instruments.protocol import MOTION, SCALE
 
@@ -58,37 +54,21 @@ class MovablePart(NamedTuple):
     board: Board | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Context:
-    """Robot and cell, as far as effects may ask.
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Context(Cell):
+    """A cell, and what the poses in hand say of it, as far as effects may ask.
 
-    stations : tuple of str, places of the tracker; knots : dict, joint -> angles of stiffness_vs_angle
-    anchors : dict, joint -> ndarray, shape (2, 3), m, of a spring before and after it
+    stations : tuple of str, places of the tracker
     measured_load : whether the poses bring a load of their own: a wrench, or a plan's [load]
     lacking : frozenset of str, covariates that the poses in hand do not have
     clock_unit : str, of the session's clock, "s" or "reading"
-    gear_ratios : dict, joint name -> float, turns of motor or wave generator a turn of the joint
-    instruments : tuple of Instrument
-    bodies : dict, name -> slice, the markers that are points of it
-    seats : dict, link -> slice, three that stand for one on which an instrument rides
     parameters : names of those that a result has of the effect to be placed, None without a result
     """
 
-    robot: Robot
-    markers: Array
-    marker_names: tuple[str, ...]
     stations: tuple[str, ...] = ("base",)
-    knots: Mapping[str, Array] = field(default_factory=dict)
-    anchors: Mapping[str, Array] = field(default_factory=dict)
-    gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
-    payload: Payload = field(default_factory=Payload)
     measured_load: bool = False
     lacking: frozenset[str] = frozenset()
     clock_unit: str = "s"
-    gear_ratios: Mapping[str, float] = field(default_factory=dict)
-    instruments: tuple[Instrument, ...] = (TRACKER,)
-    bodies: Mapping[str, slice] = field(default_factory=dict)
-    seats: Mapping[str, slice] = field(default_factory=dict)
     parameters: tuple[str, ...] | None = None
 
     @property
@@ -105,14 +85,6 @@ class Context:
     def reads(self, kind: str) -> bool:
         """Whether there is an instrument of a kind."""
         return any(instrument.kind == kind for instrument in self.instruments)
-
-    @property
-    def single_markers(self) -> tuple[str, ...]:
-        """Names of the markers that are part of no body."""
-        parts = np.zeros(len(self.marker_names), dtype=bool)
-        for members in (*self.bodies.values(), *self.seats.values()):
-            parts[members] = True
-        return tuple(n for n, part in zip(self.marker_names, parts, strict=True) if not part)
 
 
 def motion_of(part: MovablePart) -> slice:

@@ -8,10 +8,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.arrays import Array, room
+from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, needs, softer, turning_joints
 from calib.effects.joint import AlongJoint, along_axis, compliance_unit
-from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter, State, Twist, Unknown
+from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter, Unknown
 from calib.errors import CalibError
 from calib.poses import Poses
 
@@ -60,17 +60,6 @@ class ElasticDrive(AlongJoint, ElasticEffect):
             for moved, way in self._along
             for stressed, axis in self._along
         }
-
-    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
-        local = state.wrench.local
-        torque = sum(np.einsum("...i,i->...", local[..., k, :], axis) for k, axis in self._along)
-        by = np.asarray(torque)[..., None] * self.shares(state.poses)
-        twists = []
-        for frame, axis in self._along:
-            out = room(by.shape[:-1], 6, by.shape[-1])
-            out[...] = axis[:, None] * by[..., None, :]
-            twists.append((frame, out))
-        return tuple(twists)
 
 
 @dataclass(frozen=True, eq=False)

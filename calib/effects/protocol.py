@@ -21,8 +21,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self, TypeAlias
+from dataclasses import dataclass, field
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
@@ -225,28 +225,6 @@ class Constant(TwistEffect):
 
     def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
         return ((self.frame, self.columns[None]),)
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantTwist(Constant):
-    """Single components of a constant displacement."""
-
-    components: tuple[int, ...] = tuple(range(6))
-    names: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
-
-    @property
-    def columns(self) -> Array:
-        return np.eye(6)[:, list(self.components)]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            self.parameter(self.names[c], "um" if c < 3 else "urad", 1e-3) for c in self.components
-        )
-
-    def only(self, kept: tuple[int, ...]) -> Self:
-        """The same with some of its parameters, by their positions."""
-        return replace(self, components=tuple(self.components[i] for i in kept))
 
 
 @dataclass(frozen=True, eq=False)

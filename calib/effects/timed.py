@@ -15,14 +15,9 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, joint_index, motion_of
+from calib.effects.geometry import Geometry
 from calib.effects.joint import along_axis, error_unit
-from calib.effects.protocol import (
-    ConstantTwist,
-    DirectedEffect,
-    Effect,
-    FrameEffect,
-    Parameter,
-)
+from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
 from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.effects.tool_base import MARKER
 from calib.effects.tuned import ANY_TUNING, Tuned
@@ -53,7 +48,7 @@ class DriftingEffect(DirectedEffect):
         per, hour = ("h", _HOUR) if self.clock == SECONDS else (self.clock, _READINGS_AN_HOUR)
         return tuple(
             self.parameter(name, f"{unit}/{per}", 1e-4 / hour, 5e-3 / hour)
-            for name, unit in zip(ConstantTwist.names, _UNITS, strict=True)
+            for name, unit in zip(Geometry.names, _UNITS, strict=True)
         )
 
     def response(self, poses: Poses, values: Array) -> Array:
@@ -121,7 +116,7 @@ class Timed(Tuned):
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
-        names = ("offset",) if len(self.units) == 1 else ConstantTwist.names
+        names = ("offset",) if len(self.units) == 1 else Geometry.names
         return tuple(
             self.parameter(name, unit, self.size, self.largest)
             for name, unit in zip(names, self.units, strict=False)

@@ -11,10 +11,10 @@ from typing import cast
 
 import numpy as np
 
-from calib.arm.mimic import Coupling
 from calib.arm.robot import Robot
 from calib.arm.se3 import transformed
 from calib.arm.statics import Payload
+from calib.arm.ties import Coupling, moves_itself
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.cell.planned import MotionKeys, Planned, Targets
@@ -291,13 +291,11 @@ def coupled(path: Path, robot: Robot, table: Mapping[str, CouplingTable]) -> Rob
     Raises InputError for a joint that follows another already, for what moves itself, also by way of
     others, and for an offset in another unit.
     """
-    following = {mimic.joint: (mimic.master,) for mimic in robot.mimics}
-    followed = following | {joint: tuple(keys.of) for joint, keys in table.items()}
-    couplings = []
+    couplings = [*robot.couplings]
     for joint, keys in table.items():
         where = f"robot.coupled.{joint}"
-        if joint in following:
-            what = f"the robot's file has it mimic {following[joint][0]}"
+        if joint in robot.undriven:
+            what = "the robot's file has it mimic another joint"
             raise InputError(path, where, what, "take one of them out")
         for other, factor in keys.of.items():
             if other not in robot.joints or not factor:
@@ -308,12 +306,9 @@ def coupled(path: Path, robot: Robot, table: Mapping[str, CouplingTable]) -> Rob
         if keys.offset_deg if slides else keys.offset_mm:
             key, does = ("offset_mm", "slides") if slides else ("offset_deg", "turns")
             raise InputError(path, where, f"the joint {does}", f"give {key}")
-        masters = [*followed[joint]]
-        for name in masters:  # grows
-            masters += [other for other in followed.get(name, ()) if other not in masters]
-        if joint in masters:
-            what = "moves itself, by way of what moves it"
-            raise InputError(path, where, what, "let one of these move freely")
         offset = keys.offset_mm * MM if slides else keys.offset_deg * DEG
         couplings.append(Coupling(joint, tuple(keys.of.items()), offset))
-    return replace(robot, couplings=tuple(couplings)) if couplings else robot
+    if joint := moves_itself(couplings):
+        what = "moves itself, by way of what moves it"
+        raise InputError(path, f"robot.coupled.{joint}", what, "let one of these move freely")
+    return replace(robot, couplings=tuple(couplings))

@@ -56,32 +56,26 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
     import tomlkit
 
     document = tomlkit.parse(read_text(cell.path, _LARGEST_FILE))
-    entries: list[str | None] = [*cell.effects]
+    entries = [*cell.effects]
     added: list[Effect] = []
-    refused: list[tuple[str, str]] = []
+    parts, refused = list[str](), list[tuple[str, str]]()
     for effect in effects:
         if any(other.contains(effect.kind, effect.where) for other in effects):
             continue
-        extended = [*(e and _without(e, effect, cell) for e in entries), _name(effect)]
-        tried = replace(
-            cell, effects=tuple(e for e in extended if e), knots=_knots(cell, [*added, effect])
-        )
+        left = [_without(entry, effect, cell) if entry else ("", ()) for entry in entries]
+        extended = [*(text for text, _ in left), _name(effect)]
+        knots = _knots(cell, [*added, effect])
         try:
-            build(tried, poses)
+            build(replace(cell, effects=tuple(filter(None, extended)), knots=knots), poses)
         except CalibError as error:
             refused.append((_name(effect), str(error)))
             continue
         entries = extended
         added.append(effect)
+        parts += [part for _, gone in left for part in gone]
     _write_effects(document, entries)
     _write_knots(document, cell, added)
     _write_paths(document, cell.path.parent, target.parent)
-    parts = [
-        f"{name}:{place}"
-        for name, places in (_places(entry, cell) for entry in cell.effects)
-        for place in places
-        if any(effect.contains(name, place) for effect in added)
-    ]
     names = tuple(map(_name, added))
     return Extended(document.as_string(), names, tuple(parts), tuple(refused))
 
@@ -90,19 +84,14 @@ def _name(effect: Effect) -> str:
     return f"{effect.kind}:{effect.where}"
 
 
-def _places(entry: str, cell: Cell) -> tuple[str, tuple[str, ...]]:
-    """Name and places of an entry of the model."""
+def _without(entry: str, effect: Effect, cell: Cell) -> tuple[str, tuple[str, ...]]:
+    """An entry of the model without what is part of the effect, which may leave nothing; and that."""
     name, given = parse_effect(entry)
-    return name, cell.robot.joints if given is None else given
-
-
-def _without(entry: str, effect: Effect, cell: Cell) -> str | None:
-    """An entry of the model without what is part of the effect; None where nothing is left."""
-    name, places = _places(entry, cell)
-    left = [place for place in places if not effect.contains(name, place)]
-    if len(left) == len(places):
-        return entry
-    return f"{name}:{','.join(left)}" if left else None
+    places = cell.robot.joints if given is None else given
+    gone = tuple(place for place in places if effect.contains(name, place))
+    left = [place for place in places if place not in gone]
+    text = entry if not gone else f"{name}:{','.join(left)}" if left else ""
+    return text, tuple(f"{name}:{place}" for place in gone)
 
 
 def _knots(cell: Cell, added: Sequence[Effect]) -> dict[str, Any]:
@@ -110,12 +99,12 @@ def _knots(cell: Cell, added: Sequence[Effect]) -> dict[str, Any]:
     return found | dict(cell.knots)
 
 
-def _write_effects(document: TOMLDocument, entries: list[str | None]) -> None:
+def _write_effects(document: TOMLDocument, entries: list[str]) -> None:
     """Change what differs and append what is new: comments between the entries stay."""
     array: Any = document["model"]["effects"]
     count = len(array)
     for place in reversed(range(count)):
-        if entries[place] is None:
+        if not entries[place]:
             del array[place]
         elif entries[place] != array[place]:
             array[place] = entries[place]

@@ -6,13 +6,11 @@ import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.arm.mimic import Mimic
 from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.errors import InputError
@@ -33,31 +31,15 @@ SIGMAS = {"sigma_mm": ("mm", 1e-3), "sigma_px": ("px", 1.0)}
 _NAMES = ("pose", "marker", "instrument", "station", "session")
 _COVARIATES = ("temperature_degC", "time_s", "order")
 OTHERS = (*_NAMES, *_COVARIATES, *SIGMAS, "level", "weight")
-_STRUCK = {"load_block": "take it out: the load is changed at each pose"}
-"""Columns that there are no more, and what to do."""
 _MOST_TURNS = 100.0
 _ALIKE = 0.8  # of names that may be meant for each other
 
 
-@dataclass(frozen=True)
-class JointColumn:
-    """Where a table gives a joint: ``q = factor * scale * number + offset``.
-
-    name : str, of the column: the joint's own, or its master's; scale : float, SI per unit
-    """
+class JointColumn(NamedTuple):
+    """The column that gives a joint, and its unit in SI."""
 
     name: str
     scale: float
-    factor: float = 1.0
-    offset: float = 0.0
-
-    def joint(self, numbers: Array) -> Array:
-        """Values of the joint, rad or m, where the column holds these numbers."""
-        return self.factor * (numbers * self.scale) + self.offset
-
-    def numbers(self, q: Array) -> Array:
-        """What the column holds where the joint is at q, rad or m."""
-        return (q - self.offset) / self.factor / self.scale
 
 
 def titles(name: str, units: Mapping[str, float]) -> dict[str, float]:
@@ -86,37 +68,27 @@ def units_of(slides: bool) -> dict[str, float]:
 def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn | None]:
     """Where each joint is given. Raises InputError where a column is missing or has no unit.
 
-    A joint that mimics another may have a column of its own, else its master's gives it. So may one
-    that others move together; None where it has none, as they give it.
+    A joint that others move may have a column; None where it has none, as they give it.
     """
     given: list[JointColumn | None] = []
-    for sources in robot.sources:
-        joint_column: JointColumn | None = None
-        for source in sources[::-1]:  # its own column comes before its master's
-            name, units = source.master, units_of(source.slides)
-            column = column_of(path, columns, name, units, f"joint {name}")
-            if column is not None:
-                scale = titles(name, units)[column]
-                joint_column = JointColumn(column, scale, source.factor, source.offset)
-        if joint_column is None and sources[0].joint not in robot.undriven:
-            raise _missing(path, sources, columns)
-        given.append(joint_column)
+    for name, slides in zip(robot.joints, robot.prismatic.tolist(), strict=True):
+        units = units_of(slides)
+        column = column_of(path, columns, name, units, f"joint {name}")
+        if column is None and name not in robot.undriven:
+            raise _missing(path, name, slides, columns)
+        given.append(None if column is None else JointColumn(column, titles(name, units)[column]))
     return given
 
 
-def _missing(path: Path, sources: Sequence[Mimic], columns: tuple[str, ...]) -> InputError:
+def _missing(path: Path, name: str, slides: bool, columns: tuple[str, ...]) -> InputError:
     """What to say of a joint that no column gives, or that has one in another unit."""
-    joint, *masters = sources
-    for column in titles(joint.master, units_of(not joint.slides)):
+    right = " or ".join(titles(name, units_of(slides)))
+    for column in titles(name, units_of(not slides)):
         if column in columns:
-            does = "slides" if joint.slides else "turns"
-            what = f"column {column!r} is no unit of joint {joint.joint}, which {does}"
-            remedy = f"name it {' or '.join(titles(joint.joint, units_of(joint.slides)))}"
-            return InputError(path, "line 1", what, remedy)
-    what = f"no column for joint {joint.joint}"
-    what += "".join(f", nor for {m.master}, which it mimics" for m in masters)
-    wanted = (name for own in sources[::-1] for name in titles(own.master, units_of(own.slides)))
-    return InputError(path, "line 1", what, f"add {' or '.join(wanted)}")
+            does = "slides" if slides else "turns"
+            what = f"column {column!r} is no unit of joint {name}, which {does}"
+            return InputError(path, "line 1", what, f"name it {right}")
+    return InputError(path, "line 1", f"no column for joint {name}", f"add {right}")
 
 
 def check_known(
@@ -128,7 +100,7 @@ def check_known(
     """
     known, ignored = {*OTHERS, *readings, *shared_columns(robot)}, []
     for name in (own for own in columns if own and own not in known):
-        fault = _STRUCK.get(name) or _fault_of_column(name, robot, columns)
+        fault = _fault_of_column(name, robot, columns)
         if fault is None:
             ignored.append(name)
             continue
@@ -141,7 +113,7 @@ def _fault_of_column(
     name: str, robot: Robot, columns: tuple[str, ...]
 ) -> tuple[str, str] | str | None:
     """What is wrong with an unknown column and what to do; None where it may mean nothing."""
-    joints = tuple(dict.fromkeys((*robot.joints, *robot.told)))
+    joints = robot.joints
     unit, others = name.rpartition("_")[2], [*OTHERS, *WRENCH]
     if unit in ("deg", "rad") or name.startswith("approach_"):
         alike = {c.casefold(): c for c in sorted({f"{j}_{unit}" for j in joints} - {*columns})}
@@ -158,10 +130,9 @@ def _fault_of_column(
 
 def shared_columns(robot: Robot) -> set[str]:
     """Columns in which all rows of one pose must agree: joints, wrench, time and heat."""
-    joints = (*robot.joints, *robot.told)
+    joints = robot.joints
     shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
-    for unit in (*ANGLES, *LENGTHS):
-        shared |= {f"{before}{j}_{unit}" for j in joints for before in ("", "move_")}
+    shared |= {f"{j}_{unit}" for j in joints for unit in (*ANGLES, *LENGTHS)}
     return shared - {"pose", "marker", "instrument", *SIGMAS}
 
 
@@ -171,21 +142,11 @@ def torque_columns(robot: Robot) -> tuple[str, ...]:
     return tuple(f"{joint}_{'N' if slides else 'Nm'}" for joint, slides in each)
 
 
-def motion_columns(columns: Sequence[str], robot: Robot) -> dict[str, float]:
-    """Column of each joint's last move, and its unit in SI; of any unit that a table has."""
-    found = {}
-    for joint, slides in zip(robot.joints, robot.prismatic, strict=True):
-        named = titles(f"move_{joint}", units_of(slides))
-        column = next((name for name in named if name in columns), next(iter(named)))
-        found[column] = named[column]
-    return found
-
-
 def joint_values(table: CsvTable, robot: Robot) -> Array:
     """Joint values of every row, shape (rows, n), rad and m."""
     given = joint_columns(table.path, robot, table.columns)
     none = np.zeros(len(table.rows))
-    q = np.column_stack([none if c is None else c.joint(table.numbers(c.name)) for c in given])
+    q = np.column_stack([none if c is None else table.numbers(c.name) * c.scale for c in given])
     implied = [column is None for column in given]
     q[:, implied] = robot.tied(q)[:, implied]
     turns = np.abs(q) / (2.0 * math.pi)
@@ -206,21 +167,13 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     driven = [joint not in robot.undriven for joint in robot.joints]
     if (torque := _of_joints(table, torque_columns(robot), driven)) is not None:
         fields["torque"] = torque[rows]
-    units = motion_columns(table.columns, robot)
-    if (moved := _of_joints(table, [*units], driven)) is not None:
-        moved = moved[rows] * [*units.values()]
-        fields["motion"] = np.where(driven, moved, moved @ np.abs(robot.ties.matrix).T)
-        fields["motion_told"] = True
-    # A joint's own column says from which side it came, else its master's.
-    sided = [
-        next((s for s in sources if f"approach_{s.master}" in table.columns), sources[-1])
-        for sources in robot.sources
-    ]
-    signs = [f"approach_{source.master}" for source in sided]
+    signs = [f"approach_{joint}" for joint in robot.joints]
     if (approach := _of_joints(table, signs, driven)) is not None:
         for row, j in np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[:1].tolist():
             raise table.fault(row, signs[j], "is not -1, 0 or +1")
-        fields["approach"] = approach[rows] * np.sign([source.factor for source in sided])
+        given_sides = [name in table.columns for name in signs]
+        moved_sides = np.sign(approach @ robot.ties.matrix.T)
+        fields["approach"] = np.where(given_sides, approach, moved_sides)[rows]
     if "session" in table.columns:
         fields["session"] = np.array(table.names("session"))[rows]
     if "station" in table.columns:

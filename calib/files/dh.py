@@ -1,4 +1,10 @@
-"""Read DH tables: one row a joint, ``joint,alpha_deg,a_mm,theta_deg,d_mm``."""
+"""Read DH tables: one row a joint, ``joint,alpha_deg,a_mm,theta_deg,d_mm``.
+
+A joint is ``J = Rz(theta) Tz(d)``, with the joint's own motion added to theta or d. A link is ``L =
+Tx(a) Rx(alpha)``. A row of the convention ``classic`` (Paul) is ``J L``, the link beyond its joint; one
+of ``modified`` (Craig) is ``L J``, the link before its joint. Each joint's own motion commutes with its
+J: the frame of a modified joint is that of its row, the frame of a classic one that of the row before.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm.dh import robot_of_dh
 from calib.arm.robot import Convention, Robot, Source
+from calib.arm.se3 import transform
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.columns import ANGLES, LENGTHS, column_of, titles
 from calib.files.csv_table import CsvTable, read_table
 
 _KINDS = ("revolute", "prismatic")
-_COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS, "beta": ANGLES}
+_COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS}
 _MOST_JOINTS = 100
 _TURNS = 2 * math.pi + 0.1  # rad: more is probably degrees
 _LONGEST = 50.0  # m of a link: more is probably millimetres
@@ -41,13 +47,17 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
         if kind not in _KINDS:
             what = f"{kind[:40]!r} is not known"
             raise table.fault(row, "kind", what, f"use {' or '.join(_KINDS)}")
-    robot = robot_of_dh(
-        convention,
-        (path.stem, base, tip),
-        tuple(table.names("joint")),
-        np.array([kind == "prismatic" for kind in kinds]),
-        **{name: _values(table, name, units) for name, units in _COLUMNS.items()},
-    )
+    alpha, a, theta, d = (_values(table, name, units) for name, units in _COLUMNS.items())
+    zero, end = np.zeros_like(a), np.eye(4)[None]
+    links = transform(_about(0, alpha), np.stack([a, zero, zero], axis=-1))
+    moved = transform(_about(2, theta), np.stack([zero, zero, d], axis=-1))
+    if convention == "classic":
+        origins = np.concatenate([end, moved @ links])
+    else:
+        origins = np.concatenate([links @ moved, end])
+    slides = np.array([kind == "prismatic" for kind in kinds])
+    names = tuple(table.names("joint"))
+    robot = Robot.of_geometry(path.stem, (base, tip), names, slides, origins)
     return replace(robot, source=Source("dh", (path,), convention))
 
 
@@ -59,16 +69,14 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
             remedy = "a DH table has joint, alpha_deg, a_mm, theta_deg, d_mm, and may have kind"
             raise InputError(path, "line 1", f"column {column!r} is none of a DH table", remedy)
     for name, units in _COLUMNS.items():
-        if column_of(path, columns, name, units, name) is None and name != "beta":
+        if column_of(path, columns, name, units, name) is None:
             remedy = f"add {' or '.join(titles(name, units))}"
             raise InputError(path, "line 1", f"has no column for {name}", remedy)
 
 
 def _values(table: CsvTable, name: str, units: dict[str, float]) -> Array:
     """A number of each row, SI. Raises InputError where another unit must be meant."""
-    unit = next((u for u in units if f"{name}_{u}" in table.columns), None)
-    if unit is None:
-        return np.zeros(len(table.rows))
+    unit = next(u for u in units if f"{name}_{u}" in table.columns)
     column = f"{name}_{unit}"
     values = table.numbers(column)
     quarters = np.abs(values) / (math.pi / 2)
@@ -84,3 +92,14 @@ def _values(table: CsvTable, name: str, units: dict[str, float]) -> Array:
         what = f"{values[row]:.10g} looks like {other}"
         raise table.fault(row, column, what, f"name the column {name}_{right}")
     return values * units[unit]
+
+
+def _about(i: int, angle: Array) -> Array:
+    """Rotations about a coordinate axis, whose right angles are exact to the last digit but one."""
+    j, k = (i + 1) % 3, (i + 2) % 3
+    R = np.zeros((*np.shape(angle), 3, 3))
+    R[..., i, i] = 1.0
+    R[..., j, j] = R[..., k, k] = np.cos(angle)
+    R[..., k, j] = np.sin(angle)
+    R[..., j, k] = -R[..., k, j]
+    return R

@@ -53,23 +53,14 @@ def load_estimate(cell: Cell, path: str | Path) -> Estimate:
             tuple(str(p[key]) for key in ("effect", "where", "name")) for p in entry["parameters"]
         ]
         values = _numbers([p["value_SI"] for p in entry["parameters"]])
-        clock = str(entry["session_clock"])
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise _damaged(path) from None
-    try:
-        model = _model(cell, keys, values, clock)
+        model = _model(cell, keys, values, str(entry["session_clock"]))
+        estimate = _estimate(cell, model, values, entry)
     except CalibError as error:
         what = f"is not of this cell: {error}"
         raise InputError(path, "estimate", what, "give the cell that it was made with") from None
-    try:
-        estimate = _estimate(cell, model, values, entry)
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise _damaged(path) from None
+        raise InputError(path, "estimate", "is damaged", "write the result again") from None
     return replace(estimate, notes=(*estimate.notes, *_changed(cell, path, result)))
-
-
-def _damaged(path: Path) -> InputError:
-    return InputError(path, "estimate", "is damaged", "write the result again")
 
 
 def _json_object(path: Path) -> dict[str, Any]:
@@ -109,12 +100,9 @@ def _estimate(cell: Cell, model: Model, values: Array, entry: dict[str, Any]) ->
 
 
 def _unmeasured(cell: Cell, count: int, entry: Any) -> Unmeasured:
-    """Effects that no reading could show. Raises KeyError, TypeError, ValueError."""
+    """Effects that no reading could show. Raises CalibError, KeyError, TypeError, ValueError."""
     names = [str(name).partition(":") for name in entry["effects"]]
-    try:
-        effects = tuple(place_effect(k, w, unmeasured_context(cell)) for k, _, w in names)
-    except CalibError:
-        raise ValueError from None
+    effects = tuple(place_effect(k, w, unmeasured_context(cell)) for k, _, w in names)
     own = sum(len(effect.parameters) for effect in effects)
     square = _numbers(entry["square_SI"], _LARGEST_SQUARE).reshape(own, own)
     absorbed = _numbers(entry["absorbed_SI"], _LARGEST_SQUARE).reshape(count, own)

@@ -170,22 +170,24 @@ def _shapes(model: Any, data: Any, body: int, frames: list[Array]) -> Iterator[S
 def _compiled(path: Path) -> tuple[str, tuple[Path, ...], Any]:
     """Name, all files, and the ``mujoco.MjModel`` of a whole file, its bodies kept apart.
 
-    Raises InputError for what is no safe, well-formed MJCF: includes may not leave its folder.
+    Raises InputError for what is no safe, well-formed MJCF.
     """
-    root = read_xml(path, "MJCF")
-    if root.tag != "mujoco":
-        raise InputError(path, f"<{root.tag}>", "is not an MJCF", "name a file that holds <mujoco>")
-    pending = [(path, root)]
-    for here, element in pending:  # grows as files are met
-        for rule in element.iter("replicate"):
+    files, title = [path], ""
+    for here in files:  # grows as includes are met; what is not there MuJoCo names
+        root = read_xml(here, "MJCF")
+        if here == path and root.tag != "mujoco":
+            remedy = "name a file that holds <mujoco>"
+            raise InputError(path, f"<{root.tag}>", "is not an MJCF", remedy)
+        title = title or root.get("model", path.stem)
+        for rule in root.iter("replicate"):
             count = rule.get("count", "no number of")
             if not count.strip().isdigit() or int(count) > _MOST:
                 what = f"makes {count} copies"
                 raise InputError(here, "<replicate>", what, f"give a count of at most {_MOST}")
-        for include in element.iter("include"):
-            file = _included([file for file, _ in pending], here, include.get("file", ""))
-            pending.append((file, read_xml(file, "MJCF")))
-    return root.get("model", path.stem), tuple(file for file, _ in pending), _model(path)
+        for include in root.iter("include"):
+            tried = [place / include.get("file", "") for place in (path.parent, here.parent)]
+            files += [file for file in tried if file.is_file() and file not in files][:1]
+    return title, tuple(files), _model(path)
 
 
 def _model(path: Path) -> Any:
@@ -210,24 +212,6 @@ def _model(path: Path) -> Any:
         mujoco.set_mju_user_warning(None)
 
 
-def _included(files: list[Path], here: Path, name: str) -> Path:
-    """The file that an <include> names, seen from the main file or else from the including one."""
-    where, folder = f"include {name!r}", files[0].parent.resolve()
-    try:
-        tried = [(place / name).resolve() for place in (folder, here.parent)]
-        there = [file for file in tried if file.is_file()]
-        again = there[:1] and there[0] in [file.resolve() for file in files]
-    except (OSError, ValueError) as error:
-        raise InputError(here, where, f"cannot be read ({error})") from None
-    if not (there or tried)[0].is_relative_to(folder):
-        raise InputError(here, where, "leaves the folder of the model", "copy the file into it")
-    if not there:
-        raise InputError(here, where, "names no file", "check its path")
-    if again:
-        raise InputError(here, where, "is included already", "include each file once")
-    return there[0]
-
-
 def _refuse_coupled(path: Path, model: Any, base: int, arm: Sequence[int]) -> None:
     """Refuse constraints on the bodies of the arm, but for those that hold a branch of it."""
     weld, below = model.body_weldid, {base}
@@ -243,10 +227,11 @@ def _refuse_coupled(path: Path, model: Any, base: int, arm: Sequence[int]) -> No
             of, body_of = "site", model.site_bodyid
         ends = [int(e) for e in (model.eq_obj1id[i], model.eq_obj2id[i]) if e >= 0]
         if kind == "tendon":
-            of, ends = "tendon", ends[:1]
-        held = {} if kind == "tendon" else {e: int(body_of[e]) for e in ends}
-        hit = [e for e in ends if kind == "tendon" or int(weld[held[e]]) in rigid]
-        if hit and (kind == "joint" or not branches & {*held.values()}):
+            of, hit, held = "tendon", ends[:1], set[int]()
+        else:
+            held = {int(body_of[e]) for e in ends}
+            hit = [e for e in ends if int(weld[body_of[e]]) in rigid]
+        if hit and (kind == "joint" or not branches & held):
             named = sorted(f"{of} {getattr(model, of)(e).name!r}" for e in hit)
             remedy = "closed loops and coupled joints are not supported"
             remedy += '; remove it or set active="false"'

@@ -57,7 +57,7 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
     wanted = ["time_s", *(c.name for c in given if c is not None), *efforts, *filter(None, behind)]
     sessions, lines, numbers = _numbers(path, columns, rows, list(dict.fromkeys(wanted)))
     q = np.column_stack(
-        [np.zeros(len(lines)) if c is None else c.joint(numbers[c.name]) for c in given]
+        [np.zeros(len(lines)) if c is None else numbers[c.name] * c.scale for c in given]
     )
     effort = np.column_stack([numbers[name] for name in efforts])
     if unit == "A" and all(joint in cell.motion.constants for joint in robot.joints):

@@ -205,33 +205,17 @@ def zero_offsets(robot: Robot, corrections: Array, markers: Array, frames: IntAr
     return ZeroOffsets(offsets, *missed)
 
 
-def zero_offsets_csv(
-    robot: Robot, found: ZeroOffsets, counts_per_deg: dict[str, float] | None = None
-) -> str:
+def zero_offsets_csv(robot: Robot, found: ZeroOffsets) -> str:
     """The text of the table, a row a joint.
 
-    ``reads_at_zero`` is what the controller shows where the joint truly is at zero. With encoder counts
-    a degree (signed: rising with the joint's angle) ``master_count_change`` is to be added to FANUC's
-    ``$MASTER_COUN``, as ``angle = (count - $MASTER_COUN) / counts a degree``.
-
-    Raises InputError for counts of a joint that does not turn, or is not there.
+    ``reads_at_zero`` is what the controller shows where the joint truly is at zero.
     """
-    counts = counts_per_deg or {}
-    turning = [j for j, slides in zip(robot.joints, robot.prismatic, strict=True) if not slides]
-    for name in counts:
-        if name not in turning:
-            what = f"no joint {name!r} that turns"
-            raise InputError("--counts-per-deg", "", what, f"use {', '.join(turning)}")
     shown = np.where(robot.prismatic, found.offsets * 1e3, np.degrees(found.offsets))
-    columns = {
-        "joint": list(robot.joints),
-        "offset": [f"{value + 0.0:.9g}" for value in shown],
-        "reads_at_zero": [f"{-value + 0.0:.9g}" for value in shown],
-        "unit": ["mm" if slides else "deg" for slides in robot.prismatic],
-    }
-    if counts:
-        columns["master_count_change"] = [
-            f"{-value * counts[joint]:.0f}" if joint in counts else ""
-            for joint, value in zip(robot.joints, shown, strict=True)
-        ]
-    return columns_text(columns)
+    return columns_text(
+        {
+            "joint": list(robot.joints),
+            "offset": [f"{value + 0.0:.9g}" for value in shown],
+            "reads_at_zero": [f"{-value + 0.0:.9g}" for value in shown],
+            "unit": ["mm" if slides else "deg" for slides in robot.prismatic],
+        }
+    )

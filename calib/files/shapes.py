@@ -1,4 +1,4 @@
-"""Points that span the collision shapes of a robot's file, meshes among them."""
+"""Points that span the collision shapes of a robot's file, meshes too, and capsules around."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.arm.se3 import even_directions
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.read import read_bytes
@@ -14,6 +15,10 @@ _LARGEST_FILE = 200_000_000  # bytes
 _MOST = 1e6  # in the file's unit: no vertex of an arm is as far
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
 _CORNERS = 24  # of the polygon about a circle: 0.9 % too wide
+_SUPPORTS, _AXES = 300, 120  # directions: for the outer points, and tried as axis
+_COARSE, _FINE = 20, 100  # steps towards the centre of the smallest circle
+_WIDER = (1.0, 1.03, 1.1, 1.2, 1.4)  # a wider capsule of flat points is shorter
+_MARGIN = 1e-9  # m: rounding leaves no point outside
 
 SHAPES = ("box", "sphere", "capsule", "cylinder", "ellipsoid", "mesh")
 
@@ -79,3 +84,54 @@ def _rows_after(content: bytes, word: bytes) -> Array:
     lines = (line.split() for line in content.splitlines())
     rows = [line[1:4] for line in lines if line[:1] == [word]]
     return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+# -- a capsule is convex: around points, it is around all that they span
+
+
+def enclosing_capsule(points: Array) -> tuple[Array, Array, float]:
+    """Ends of the axis (3,) and radius [m] of a small capsule that holds points (n, 3), m.
+
+    The axis is the best by volume of many directions and of the points' principal ones; the circle
+    about it is centred by Badoiu and Clarkson's steps (2003). All points are inside whatever the
+    search found: radius and ends are taken from them last.
+    """
+    outer = points[np.unique(np.argmax(points @ even_directions(_SUPPORTS).T, axis=0))]
+    principal = np.linalg.svd(outer - outer.mean(axis=0), full_matrices=False)[2]
+    sphere = even_directions(_AXES)
+    axes = np.concatenate([principal, np.eye(3), sphere[sphere[:, 2] >= 0.0]])
+    centres = _centres(outer, axes, _COARSE)
+    tried = [_capsule(outer, axis, centre) for axis, centre in zip(axes, centres, strict=True)]
+    best = axes[[int(np.argmin([_volume(own) for own in tried]))]]
+    (centre,) = _centres(outer, best, _FINE)
+    start, end, radius = min((_capsule(points, best[0], centre, f) for f in _WIDER), key=_volume)
+    return start, end, radius + _MARGIN
+
+
+def _capsule(
+    points: Array, axis: Array, centre: Array, factor: float = 1.0
+) -> tuple[Array, Array, float]:
+    """The shortest capsule along an axis (3,) about a centre, its circle widened by a factor."""
+    along = points @ axis
+    away = np.linalg.norm(points - centre - np.outer(along, axis), axis=1)
+    radius = float(away.max()) * factor
+    cap = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+    low, high = float((along + cap).min()), float((along - cap).max())
+    if low > high:
+        low = high = 0.5 * (low + high)
+    return centre + low * axis, centre + high * axis, radius
+
+
+def _centres(points: Array, axes: Array, steps: int) -> Array:
+    """Nearly the centre of the smallest circle about points (n, 3), seen along axes (a, 3)."""
+    flat = points - (points @ axes.T).T[..., None] * axes[:, None]
+    centres = flat.mean(axis=1)
+    for step in range(1, steps):
+        farthest = ((flat - centres[:, None]) ** 2).sum(axis=2).argmax(axis=1)
+        centres += (flat[np.arange(len(axes)), farthest] - centres) / (step + 1)
+    return np.asarray(centres)
+
+
+def _volume(capsule: tuple[Array, Array, float]) -> float:
+    start, end, radius = capsule
+    return float(np.pi * radius**2 * (np.linalg.norm(end - start) + 4.0 / 3.0 * radius))

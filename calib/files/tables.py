@@ -11,7 +11,6 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.cartesian import QUATERNION, cartesian_columns, is_cartesian, tip_joints
 from calib.files.columns import (
     WRENCH,
     check_known,
@@ -21,8 +20,14 @@ from calib.files.columns import (
     shared_columns,
 )
 from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
-from calib.files.duplicates import refuse_payload_and_wrench, without_copies
-from calib.files.odd import odd_cell, odd_joints, odd_readings, refuse_radians
+from calib.files.odd import (
+    odd_cell,
+    odd_joints,
+    odd_readings,
+    refuse_payload_and_wrench,
+    refuse_radians,
+    without_copies,
+)
 from calib.files.readings import reading_columns, reading_names, readings_of, sites_of
 from calib.poses import Measurements, Poses, hung, poses_at
 from calib.poses.moves import with_moves
@@ -88,25 +93,16 @@ def _check_poses_agree(table: CsvTable, cell: Cell, pose_of_row: IntArray, first
             raise table.fault(row, name, what, "rename the pose")
 
 
-def _load_poses(
-    cell: Cell, path: Path, required: Sequence[str], *, tips: bool = False
-) -> tuple[Poses, CsvTable]:
-    """Poses of a table; tips : whether they may be given as poses of the tip."""
+def _load_poses(cell: Cell, path: Path, required: Sequence[str]) -> tuple[Poses, CsvTable]:
+    """Poses of a table."""
 
     def check(columns: tuple[str, ...]) -> None:
-        more = QUATERNION if tips else ()
-        check_known(path, cell.robot, columns, {*reading_names(cell.instruments), *more})
-        if tips and is_cartesian(cell.robot, columns):
-            cartesian_columns(path, columns)
-        else:
-            joint_columns(path, cell.robot, columns)
+        check_known(path, cell.robot, columns, reading_names(cell.instruments))
+        joint_columns(path, cell.robot, columns)
 
     table = read_table(path, required, check)
-    if tips and is_cartesian(cell.robot, table.columns):
-        q = tip_joints(table, cell.robot)
-    else:
-        q = joint_values(table, cell.robot)
-        refuse_radians(table, cell.robot, q)
+    q = joint_values(table, cell.robot)
+    refuse_radians(table, cell.robot, q)
     rows = np.arange(len(q))
     given = covariates(table, cell.robot, rows)
     if "pose" in table.columns:
@@ -144,11 +140,10 @@ def holds_points(path: str | Path) -> bool:
 def load_targets(cell: Cell, path: str | Path) -> tuple[Poses, Array]:
     """Read target poses and their weights, shape (targets,). Raises InputError.
 
-    Targets are joints, or poses of the nominal tip in the robot's base frame (``x_mm`` .. ``qz``). One
-    without wrench columns carries the cell's [load], if there is one.
+    A target without wrench columns carries the cell's [load], if there is one.
     """
     path = Path(path)
-    poses, table = _load_poses(cell, path, (), tips=True)
+    poses, table = _load_poses(cell, path, ())
     weights = np.ones(len(poses))
     if "weight" in table.columns:
         weights = table.numbers("weight")

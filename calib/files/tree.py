@@ -11,17 +11,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.arm.enclosing import enclosing_capsule
-from calib.arm.mimic import Mimic
 from calib.arm.robot import Capsule, Place, Robot, Shapes, Source
 from calib.arm.se3 import steiner, transformed
+from calib.arm.ties import Coupling, moves_itself
 from calib.arrays import Array
 from calib.errors import InputError
+from calib.files.shapes import enclosing_capsule
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _MOST_JOINTS = 100  # that move
 _SHOWN = 12  # names that a message lists
-_ROUNDED = 1e-9  # rad or m: limits that are as wide but for rounding
 _NAMELESS = "\0"  # begins the key of a link that the file gives no name
 Shape: TypeAlias = tuple[Array, float]
 """Points (n, 3), m, in the frame of a link, and a radius [m] about them."""
@@ -109,9 +108,10 @@ class Tree:
         return below
 
     def chain(self, base: str, tip: str, others: Sequence[str] = ()) -> list[Joint]:
-        """Joints from ``base`` to ``tip``, then those to other links: parents first, fixed ones too.
+        """Joints from ``base`` to ``tip``, to other links, and to joints that move any of these.
 
-        Raises InputError where no way of joints leads there, or one of an unknown kind.
+        Parents come first, and fixed joints are among them. Raises InputError where no way of joints
+        leads there, or one of an unknown kind.
         """
         on = [("'on' of what it carries", other) for other in others]
         for key, name in (("[robot] base", base), ("[robot] tip", tip), *on):
@@ -119,7 +119,10 @@ class Tree:
                 remedy = f"set {key} to one of: {', '.join(self.named[:_SHOWN]) or 'none'}"
                 raise InputError(self.path, "", f"has no {self.called} {name!r}", remedy)
         chain = list(dict.fromkeys(j for end in (tip, *others) for j in self._way(base, end)))
-        for joint in chain:
+        for joint in chain:  # grows
+            if joint.mimic is not None:
+                way = self._way(base, self._master(joint).child)
+                chain += [own for own in way if own not in chain]
             where = f"joint {joint.name or joint.child.strip(_NAMELESS)}"
             if not joint.moves and joint.kind != "fixed":
                 remedy = "use joints that turn or slide about one axis, or are fixed"
@@ -170,7 +173,7 @@ class Tree:
 
         Fixed joints are folded into the next origin. Masses and shapes that hang on a moving link by
         other joints than these are gathered into it. A joint that mimics another stays a joint of the
-        robot and follows its master.
+        robot, which its master moves; so the master is one, too.
 
         Raises InputError for no such way, axes without length, and numbers that contradict.
         """
@@ -180,7 +183,6 @@ class Tree:
         names = tuple(joint.name for joint in moving)
         hung = [(*places[joint.parent], joint.origin) for joint in moving]
         hung += [(*places[link], np.eye(4)) for link in (*others, tip)]
-        mimics = tuple(m for joint in moving if (m := self._mimic(joint)) is not None)
         masses, coms, inertias = gathered(len(moving), self.weights, places)
         return Robot(
             name=self.name,
@@ -190,14 +192,14 @@ class Tree:
             prismatic=np.array([joint.kind == "prismatic" for joint in moving]),
             origins=np.array([T @ origin for _, T, origin in hung]),
             axes=np.array([self._axis(joint) for joint in moving]),
-            limits=self._limits(moving, mimics),
+            limits=self._limits(moving),
             efforts=np.array([joint.effort for joint in moving]),
             speeds=np.array([joint.speed for joint in moving]),
             masses=masses,
             coms=coms,
             inertias=inertias,
             losses=np.array([joint.losses for joint in moving]),
-            mimics=mimics,
+            couplings=self._couplings(moving),
             shapes=self._shapes(names, places),
             source=self.source,
             others=tuple(others),
@@ -211,49 +213,33 @@ class Tree:
             raise InputError(self.path, where, "has no length", "name a direction")
         return joint.axis / length
 
-    def _mimic(self, joint: Joint) -> Mimic | None:
-        """What a joint follows, through masters that mimic others; None where it moves by itself."""
-        by_name = {joint.name: joint for joint in self.joints}
-        where, at, factor, offset = f"joint {joint.name}", joint, 1.0, 0.0
-        passed: list[str] = []
-        while at.mimic is not None:
-            passed.append(at.name)
-            master, by, shift = at.mimic
-            offset, factor = offset + factor * shift, factor * by
-            if master not in by_name or not by_name[master].moves or not factor:
-                what = f"mimics {master!r}, which is no joint that moves it"
-                remedy = "correct its <mimic>, or write it as a fixed joint"
-                raise InputError(self.path, where, what, remedy)
-            if master in passed:
-                remedy = "let one of its masters move freely"
-                raise InputError(self.path, where, "mimics itself", remedy)
-            at = by_name[master]
-        slides = at.kind == "prismatic"
-        return Mimic(joint.name, at.name, slides, factor, offset) if passed else None
+    def _master(self, joint: Joint) -> Joint:
+        """What a joint mimics. Raises InputError."""
+        name, factor, _ = joint.mimic or ("", 0.0, 0.0)
+        master = next((own for own in self.joints if own.name == name), None)
+        if master is None or not master.moves or not factor:
+            what = f"mimics {name!r}, which is no joint that moves it"
+            remedy = "correct its <mimic>, or write it as a fixed joint"
+            raise InputError(self.path, f"joint {joint.name}", what, remedy)
+        return master
 
-    def _limits(self, moving: Sequence[Joint], mimics: Sequence[Mimic]) -> Array:
-        """Limits (n, 2) of joints; one whose master is outside the chain stays within its, too."""
-        by_name = {joint.name: joint for joint in self.joints}
-        chosen = [*moving, *(by_name[mimic.master] for mimic in mimics)]
-        for joint in chosen:
+    def _couplings(self, moving: Sequence[Joint]) -> tuple[Coupling, ...]:
+        """Joints that mimic others. Raises InputError for one that mimics itself."""
+        mimics = [(joint.name, *joint.mimic) for joint in moving if joint.mimic is not None]
+        couplings = tuple(Coupling(name, ((of, by),), shift) for name, of, by, shift in mimics)
+        if joint := moves_itself(couplings):
+            remedy = "let one of its masters move freely"
+            raise InputError(self.path, f"joint {joint}", "mimics itself", remedy)
+        return couplings
+
+    def _limits(self, moving: Sequence[Joint]) -> Array:
+        """Limits (n, 2) of joints. Raises InputError."""
+        for joint in moving:
             low, high = joint.limits
             if low > high:
                 where = f"joint {joint.name} limit"
                 raise InputError(self.path, where, f"lower {low} is above upper {high}")
-        names = [joint.name for joint in moving]
-        limits = np.array([joint.limits for joint in moving])
-        for mimic in mimics:
-            k, master = names.index(mimic.joint), np.array(by_name[mimic.master].limits)
-            given = np.sort(mimic.factor * master + mimic.offset)
-            low, high = max(limits[k, 0], given[0]), min(limits[k, 1], given[1])
-            if low > high + _ROUNDED:
-                stated = f"{limits[k, 0]:g} .. {limits[k, 1]:g}"
-                what = f"its limits, {stated}, are beyond those of its master"
-                where = f"joint {mimic.joint}"
-                raise InputError(self.path, where, what, "correct its <limit> or <mimic>")
-            if mimic.master not in names:
-                limits[k] = low, max(low, high)
-        return limits
+        return np.array([joint.limits for joint in moving])
 
     def _shapes(self, joints: Sequence[str], places: dict[str, Place]) -> Shapes:
         """A capsule about each shape of the arm, by the joint that carries it, or ``base``."""

@@ -14,8 +14,7 @@ from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.cartesian import is_cartesian
-from calib.files.columns import WRENCH, joint_columns, motion_columns, torque_columns
+from calib.files.columns import WRENCH, joint_columns, torque_columns
 from calib.files.csv_table import CsvTable, columns_text, read_table
 from calib.files.readings import written_columns
 from calib.instruments import Instrument
@@ -28,25 +27,19 @@ _CHANGE = "change"
 
 
 def joint_header(robot: Robot, q: Array | None = None) -> list[str]:
-    """Columns that give the joints: masters in place of joints that follow them.
+    """Columns that give the joints: of all but those that others move.
 
     q : ndarray, shape (m, n), values to be given; where some do not follow, every joint has its own
     """
-    follows = q is None or robot.follows(q)
-    given = [
-        own[-1] if follows else own[0]
-        for own in robot.sources
-        if not (follows and own[0].joint in robot.undriven)
-    ]
-    return list(dict.fromkeys(f"{s.master}_{'mm' if s.slides else 'deg'}" for s in given))
+    left = robot.undriven if q is None or robot.follows(q) else ()
+    each = zip(robot.joints, robot.prismatic, strict=True)
+    return [f"{name}_{'mm' if slides else 'deg'}" for name, slides in each if name not in left]
 
 
 def _joint_texts(robot: Robot, q: Array) -> dict[str, list[str]]:
     """Numbers of each of these columns, of joint values (m, n)."""
-    header = joint_header(robot, q)
-    each = zip(joint_columns(Path(), robot, tuple(header)), q.T, strict=True)
-    texts = {c.name: _numbers(c.numbers(own)) for c, own in each if c is not None}
-    return {name: texts[name] for name in header}
+    each = zip(joint_columns(Path(), robot, tuple(joint_header(robot, q))), q.T, strict=True)
+    return {c.name: _numbers(own / c.scale) for c, own in each if c is not None}
 
 
 def _numbers(values: Array, form: str = ".9g") -> list[str]:
@@ -104,7 +97,7 @@ def _reading_texts(instrument: Instrument, numbers: Array) -> dict[str, str]:
 
 
 def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
-    """Columns of temperature, time, torques, moves, station and session, where poses have them."""
+    """Columns of temperature, time, torques, sides, station and session, where poses have them."""
     robot, columns = cell.robot, dict[str, list[str]]()
     if poses.temperature is not None:
         columns["temperature_degC"] = _numbers(poses.temperature, ".6g")
@@ -116,9 +109,6 @@ def _session(cell: Cell, poses: Poses) -> dict[str, list[str]]:
     if poses.approach is not None and not poses.approach_derived:
         signs = zip(robot.joints, poses.approach.T, strict=True)
         columns |= {f"approach_{joint}": _numbers(own, ".0f") for joint, own in signs}
-    if poses.motion is not None and poses.motion_told:
-        moves = zip(motion_columns((), robot).items(), poses.motion.T, strict=True)
-        columns |= {name: _numbers(own / scale) for (name, scale), own in moves}
     if len(poses.stations) > 1:
         columns["station"] = [poses.stations[i] for i in poses.station]
     if poses.session is not None:
@@ -155,10 +145,8 @@ def compensated_csv(cell: Cell, table: CsvTable, found: Compensation) -> str:
 
     table : CsvTable, the targets that were compensated
     """
-    tips = is_cartesian(cell.robot, table.columns)
-    header = tuple(joint_header(cell.robot)) if tips else table.columns
-    named = zip(joint_columns(table.path, cell.robot, header), found.q.T, strict=True)
-    joints = {c.name: [f"{value:.9g}" for value in c.numbers(q)] for c, q in named if c is not None}
+    named = zip(joint_columns(table.path, cell.robot, table.columns), found.q.T, strict=True)
+    joints = {c.name: [f"{value:.9g}" for value in q / c.scale] for c, q in named if c is not None}
     columns = {"pose": list(found.targets.names), **joints}
     columns |= {name: joints.get(name) or table.text(name) for name in table.columns}
     changed = zip(cell.robot.joints, cell.robot.prismatic, found.correction.T, strict=True)

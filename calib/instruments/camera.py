@@ -34,7 +34,6 @@ from calib.keys import (
     DEG,
     Count,
     Name,
-    NotNegative,
     Number,
     Positive,
     TomlTable,
@@ -72,7 +71,7 @@ class Camera(Instrument):
     free : ndarray of int, positions of the unknown values of the lens
     believed : ndarray, shape (9,), standard deviations of the lens's values, NaN where none is given
     boards : tuple of Board, that it sees; tilt : rad, by which one that is seen leans at most
-    standing : ndarray, shape (6,) or (6 boards,), where it, or they stand as far as is known, or None
+    standing : shape (6,), where it stands, or (6 boards,), where these do
     """
 
     lens: Lens = field(default_factory=Lens)
@@ -81,13 +80,13 @@ class Camera(Instrument):
     free: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     believed: Array = field(default_factory=lambda: np.full(9, np.nan))
     boards: tuple[Board, ...] = ()
-    standing: Array | None = None
     tilt: float = float(np.radians(60.0))
     kind: ClassVar[str] = "camera"
     rows: ClassVar[int] = 2
     columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "pixel") for c in "uv")
     numbers: ClassVar[tuple[Component, ...]] = tuple(Component(c, "px", 1.0) for c in "uv")
-    unplaced: ClassVar[str]
+    given_by: ClassVar[str] = "position_mm and rpy_deg"
+    loose: ClassVar[slice | None] = MOTION
 
     @property
     def of_lens(self) -> tuple[Unknown, ...]:
@@ -95,13 +94,6 @@ class Camera(Instrument):
         off = _OFF * float(self.lens.values[FOCAL].mean())
         kinds = [*[("px", 1.0, off)] * DISTORTION.start, *[("", 1.0, _BENT)] * 5]
         return tuple(Unknown(self.lens.names[i], *kinds[i]) for i in self.free.tolist())
-
-    def guess_at(self, name: str) -> Array:
-        del name
-        place = np.zeros(len(self.unknowns))
-        if self.standing is not None:
-            place[: len(self.standing)] = self.standing
-        return place
 
     @property
     def belief(self) -> Array:
@@ -112,16 +104,8 @@ class Camera(Instrument):
         return np.asarray(np.diag(1.0 / np.where(known, std, 1.0))[known])
 
     @property
-    def parts(self) -> Mapping[str, slice]:
-        return {f"camera:{self.name}": MOTION}
-
-    @property
     def metric(self) -> bool:
         return bool(self.boards)
-
-    @property
-    def unforeseen(self) -> str:
-        return "" if self.standing is not None else self.unplaced
 
     def whitening(self, place: Array, rows: Array, sigma: Array) -> Array:
         """Even in both directions; it grows as figures look smaller, unless sigma says it, px."""
@@ -198,11 +182,6 @@ class Camera(Instrument):
 class FixedCamera(Camera):
     """In the world, of markers and boards on the tip. The place begins with ``T_camera_base``."""
 
-    unplaced: ClassVar[str] = (
-        "where it stands is not known; give its position_mm and rpy_deg in the base's frame, z ahead "
-        "and x to the right of the image"
-    )
-
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         return (*FRAME, *self.of_lens)
@@ -244,10 +223,7 @@ class ArmCamera(Camera):
     """
 
     each: ClassVar[int] = CORNERS
-    unplaced: ClassVar[str] = (
-        "where its boards stand is not known; give position_mm and rpy_deg of each in the base's "
-        "frame, and of the camera on the tip"
-    )
+    given_by: ClassVar[str] = "position_mm and rpy_deg of each board, and its own on the tip,"
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -347,19 +323,6 @@ class IntrinsicsStd(TomlTable):
         return np.array(std, dtype=float)
 
 
-def _listed(given: list[float]) -> Array:
-    known = np.array([*given, *[0.0] * (len(Lens.names) - len(given))])
-    return np.where(known > 0.0, known, np.nan)
-
-
-_List = Annotated[list[NotNegative], Field(min_length=1, max_length=9)]
-_Believed = (
-    Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)]
-    | Annotated[Array, Written(_List, _listed)]
-    | None
-)
-
-
 class CameraTable(BodyTable, KeysTable):
     """A camera: its keys in a cell."""
 
@@ -387,8 +350,8 @@ class CameraTable(BodyTable, KeysTable):
     explain camera`)"""
     free: FreeParts = []
     """camera: parts of the lens that are identified"""
-    intrinsics_std: _Believed = None
-    """camera: standard deviation of the lens values; a list is fx fy cx cy k1 k2 p1 p2 k3"""
+    intrinsics_std: Annotated[Array, Written(IntrinsicsStd, IntrinsicsStd.values)] | None = None
+    """camera: standard deviations of the lens values"""
     tilt: Annotated[Positive, Field(lt=90), times(DEG), key("max_tilt_deg")] = 60.0 * DEG
     """camera: largest angle between the line of sight and a board's normal in a plan"""
     min_points: Count | None = None

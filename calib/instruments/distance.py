@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -11,15 +10,7 @@ from pydantic import AfterValidator, model_validator
 
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import CellParts, KeysTable
-from calib.instruments.protocol import (
-    POINT,
-    ZERO,
-    Linear,
-    Nominal,
-    ReadingColumn,
-    Start,
-    Unknown,
-)
+from calib.instruments.protocol import POINT, ZERO, Linear, Nominal, ReadingColumn, Start, Unknown
 from calib.instruments.touching import Even, around, best, contacts, mirrored
 from calib.keys import MM, Flag, NotNegative, Point, PositiveMetres, key, ordered
 
@@ -28,17 +19,18 @@ from calib.keys import MM, Flag, NotNegative, Point, PositiveMetres, key, ordere
 class Distance(Even):
     """``|p - c| + offset``; anchor c and offset, where there is one, are its place, in base axes.
 
-    anchor : ndarray, shape (3,), m, base frame, None where nothing is said of it
+    standing : its anchor, shape (3,), m, base frame
     known : whether that is where it stands, and no guess
     reach : shortest and longest distance from the anchor at which it reads, m
     """
 
-    anchor: Array | None = None
     known: bool = False
     offset: bool = False
     reach: tuple[float, float] = (0.0, np.inf)
     kind: ClassVar[str] = "distance"
     rows: ClassVar[int] = 1
+    given_by: ClassVar[str] = "anchor_mm"
+    loose: ClassVar[slice | None] = ZERO
     columns: ClassVar[tuple[ReadingColumn, ...]] = (ReadingColumn("d", "length"),)
 
     @property
@@ -50,34 +42,22 @@ class Distance(Even):
     def anchored(self) -> bool:
         return self.known
 
-    @property
-    def parts(self) -> Mapping[str, slice]:
-        return {f"distance:{self.name}": ZERO}
-
     def guess_at(self, name: str) -> Array:
-        del name
-        found = np.zeros(len(self.unknowns))
-        if self.anchor is not None and not self.known:
-            found[:3] = self.anchor
-        return found
-
-    @property
-    def unforeseen(self) -> str:
-        return "" if self.anchor is not None else "give its anchor_mm in the base's frame"
+        return np.zeros(len(self.unknowns)) if self.known else super().guess_at(name)
 
     @property
     def position(self) -> Array | None:
-        return self.anchor
+        return self.standing
 
     def within(self, points: Array) -> Mask:
         """Whether points (..., 3), m, base axes, are in its reach, as far as the anchor is known."""
-        if self.anchor is None:
+        if self.standing is None:
             return np.ones(points.shape[:-1], dtype=bool)
-        away = np.linalg.norm(points - self.anchor, axis=-1)
+        away = np.linalg.norm(points - self.standing, axis=-1)
         return np.asarray((away >= self.reach[0]) & (away <= self.reach[1]))
 
     def linearise(self, place: Array, points: Array) -> Linear:
-        anchor = place[..., :3] if not self.known or self.anchor is None else self.anchor
+        anchor = place[..., :3] if not self.known or self.standing is None else self.standing
         shifts = place[..., 0 if self.known else len(POINT) :]  # added to the distance, all alike
         away = points - anchor[..., None, None, :]
         distance = np.linalg.norm(away, axis=-1, keepdims=True)
@@ -95,8 +75,8 @@ class Distance(Even):
         A = np.column_stack([2.0 * p, shift, -np.ones(len(p))])
         linear = np.linalg.lstsq(A, (p**2).sum(axis=1) - d**2, rcond=1e-6)[0][:3]
         anchors = [linear, mirrored(linear, p), *around(p, float(np.median(np.abs(d))))]
-        if self.anchor is not None:
-            anchors = [self.anchor] if self.known else [self.anchor, *anchors]
+        if self.standing is not None:
+            anchors = [self.standing] if self.known else [self.standing, *anchors]
         starts = []
         for anchor in anchors:
             offset = np.median(d - np.linalg.norm(p - anchor, axis=-1))
@@ -118,7 +98,7 @@ class DistanceTable(KeysTable):
     kind: Literal["distance"]
     sigma: Annotated[PositiveMetres, key("sigma_mm")]
     """one standard deviation of a length"""
-    anchor: Annotated[Point | None, key("anchor_mm")] = None
+    standing: Annotated[Point | None, key("anchor_mm")] = None
     """distance: where it is measured from; found if absent"""
     offset: Flag = False
     """distance: whether a constant is added to it"""
@@ -127,10 +107,10 @@ class DistanceTable(KeysTable):
 
     @model_validator(mode="after")
     def _reach_from_somewhere(self) -> Self:
-        if "reach" in self.model_fields_set and self.anchor is None:
+        if "reach" in self.model_fields_set and self.standing is None:
             raise ValueError("has reach_mm, which counts from anchor_mm; add that")
         return self
 
     def instrument(self, name: str, cell: CellParts) -> Distance:
-        known = self.anchor is not None and not cell.placed
+        known = self.standing is not None and not cell.placed
         return Distance(name=name, markers=cell.read_from(self.on), known=known, **self.fields)

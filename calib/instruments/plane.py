@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -12,14 +11,7 @@ from pydantic import model_validator
 from calib.arm.se3 import skew, so3_exp, so3_right_jacobian
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import KeysTable
-from calib.instruments.protocol import (
-    ZERO,
-    Linear,
-    Nominal,
-    ReadingColumn,
-    Start,
-    Unknown,
-)
+from calib.instruments.protocol import ZERO, Linear, Nominal, ReadingColumn, Start, Unknown
 from calib.instruments.touching import Surface, best, contacts
 from calib.keys import MM, Direction, PositiveMetres, Vector, key
 
@@ -38,16 +30,13 @@ class Plane(Surface):
     kind: ClassVar[str] = "plane"
     given_by: ClassVar[str] = "position_mm and normal"
     rows: ClassVar[int] = 1
+    loose: ClassVar[slice | None] = ZERO
     unknowns: ClassVar[tuple[Unknown, ...]] = (
         Unknown("rx", "mrad", 1e-3, 1e-2),
         Unknown("ry", "mrad", 1e-3, 1e-2),
         Unknown("height", "mm", 1e-3, 1e-2),
     )
     columns: ClassVar[tuple[ReadingColumn, ...]] = (ReadingColumn("d", "length", optional=True),)
-
-    @property
-    def parts(self) -> Mapping[str, slice]:
-        return {f"plane:{self.name}": ZERO}
 
     def linearise(self, place: Array, points: Array) -> Linear:
         turn = np.concatenate([place[..., :2], np.zeros_like(place[..., 2:3])], axis=-1)

@@ -7,7 +7,7 @@ error is ``predicted^-1 measured``, of which a row's nine numbers hold the six o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, Self
 
@@ -18,14 +18,7 @@ from calib.arm.se3 import moved_as_one, rotate, so3_log
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.placing import hand_eye
-from calib.instruments.protocol import (
-    MOTION,
-    Component,
-    Linear,
-    Nominal,
-    ReadingColumn,
-    Start,
-)
+from calib.instruments.protocol import MOTION, Component, Linear, Nominal, ReadingColumn, Start
 from calib.instruments.riding import CORNERS, DIFFERENCES, frame_of, twist_of
 from calib.instruments.tracker import Tracker
 from calib.keys import MM, SMALLEST, URAD, Positive, Row
@@ -44,6 +37,7 @@ class Pose(Tracker):
     covariance: Array = field(default_factory=lambda: np.eye(6))
     kind: ClassVar[str] = "pose"
     rows: ClassVar[int] = 9
+    loose: ClassVar[slice | None] = MOTION
     each: ClassVar[int] = CORNERS
     columns: ClassVar[tuple[ReadingColumn, ...]] = (
         *(ReadingColumn(c, "length") for c in "xyz"),
@@ -53,10 +47,6 @@ class Pose(Tracker):
         *(Component(c, "mm", 1e-3) for c in "xyz"),
         *(Component(f"r{c}", "mrad", 1e-3) for c in "xyz"),
     )
-
-    @property
-    def parts(self) -> Mapping[str, slice]:
-        return {f"pose:{self.name}": MOTION}
 
     def linearise(self, place: Array, points: Array) -> Linear:
         """Of the corners, as a tracker reads them; what came loose moves all that is read."""

@@ -116,10 +116,14 @@ class Instrument(ABC):
     targets : tuple of str, what a table calls each reading, where that is not the marker's name
     seat : slice or None, the three markers that stand for the link on which it rides: whatever is said
         of the base's axes then goes for that link's (:mod:`calib.instruments.riding`)
+    standing : ndarray, shape (u,), or (k, u) by sites, the place or its first numbers as far as the
+        cell gives it; None where it does not
     rows : numbers of one reading; each : markers that one takes, k; columns : of a table
     stationed : whether it may stand elsewhere at other poses, a place for every station
     sought : whether its place is unknown even where the model has no base: nothing else gives it
     touches : whether it reads where the arm meets it alone: its poses are solved for, not drawn
+    given_by : keys of a cell without which its readings cannot be foreseen; none where they can
+    loose : numbers of a displacement in which it may come loose; None where it cannot
     """
 
     name: str = "instrument"
@@ -127,6 +131,7 @@ class Instrument(ABC):
     sites: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
     seat: slice | None = None
+    standing: Array | None = None
     kind: ClassVar[str]
     rows: ClassVar[int]
     each: ClassVar[int] = 1
@@ -134,6 +139,8 @@ class Instrument(ABC):
     stationed: ClassVar[bool] = False
     sought: ClassVar[bool] = False
     touches: ClassVar[bool] = False
+    given_by: ClassVar[str] = ""
+    loose: ClassVar[slice | None] = None
 
     @property
     @abstractmethod
@@ -209,8 +216,12 @@ class Instrument(ABC):
 
     def guess_at(self, name: str) -> Array:
         """Where the one of its sites that has this name is taken to stand, (u,): known, or zero."""
-        del name
-        return np.zeros(len(self.unknowns))
+        place = np.zeros(len(self.unknowns))
+        if self.standing is not None:
+            by_site = self.standing.ndim > 1
+            given = self.standing[self.names.index(name)] if by_site else self.standing
+            place[: len(given)] = given
+        return place
 
     def found_at(self, place: Array) -> Self:
         """The same as it is foreseen once its place (u,) is known."""
@@ -228,12 +239,17 @@ class Instrument(ABC):
 
         A place may have these numbers after its unknowns, zero at rest.
         """
-        return {}
+        if self.loose is None:
+            return {}
+        return {f"{self.kind}:{name}": self.loose for name in self.names}
 
     @property
     def unforeseen(self) -> str:
         """What keeps its readings from being foreseen, and what to do; empty where nothing does."""
-        return ""
+        if self.standing is not None or not self.given_by:
+            return ""
+        of = f" of {', '.join(self.sites)}" if self.sites else ""
+        return f"where it stands is not known; give {self.given_by}{of} in the base's frame"
 
     @property
     def metric(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
@@ -30,13 +30,9 @@ class Socket(Surface):
 
     kind: ClassVar[str] = "socket"
     rows: ClassVar[int] = 3
+    loose: ClassVar[slice | None] = slice(0, 3)  # of its sites, the one that the pose names
     unknowns: ClassVar[tuple[Unknown, ...]] = POINT
     columns: ClassVar[tuple[ReadingColumn, ...]] = ()
-
-    @property
-    def parts(self) -> Mapping[str, slice]:
-        """It stands at one of its sites each time: which of them moved, the pose says."""
-        return {f"socket:{name}": slice(0, 3) for name in self.names}
 
     def linearise(self, place: Array, points: Array) -> Linear:
         moved = place.reshape((*place.shape[:-1], -1, 3)).sum(axis=-2)  # from where it stood

@@ -50,31 +50,14 @@ class Even(Instrument, ABC):
 
 @dataclass(frozen=True, eq=False)
 class Surface(Even, ABC):
-    """What the marker touches.
+    """What the marker touches."""
 
-    standing : ndarray, shape (k, u), the place of it, or of each of its sites, as far as is known, or
-        None
-    """
-
-    standing: Array | None = None
     touches: ClassVar[bool] = True
     given_by: ClassVar[str] = "position_mm"
 
     @property
     def metric(self) -> bool:
         return False
-
-    def guess_at(self, name: str) -> Array:
-        if self.standing is None:
-            return np.zeros(len(self.unknowns))
-        return np.asarray(self.standing[self.names.index(name)])
-
-    @property
-    def unforeseen(self) -> str:
-        if self.standing is not None:
-            return ""
-        of = f" of {', '.join(self.sites)}" if self.sites else ""
-        return f"where it stands is not known; give {self.given_by}{of} in the base's frame"
 
 
 def contacts(seen: Mask, arm: Nominal) -> tuple[IntArray, IntArray, Array]:

@@ -22,15 +22,7 @@ from calib.instruments.protocol import (
     Unknown,
 )
 from calib.instruments.riding import twist_of
-from calib.keys import (
-    NotNegativeMetres,
-    Point,
-    Positive,
-    PositiveMetres,
-    TomlTable,
-    Written,
-    key,
-)
+from calib.keys import NotNegativeMetres, Point, Positive, PositiveMetres, TomlTable, Written, key
 from calib.noise import Noise
 
 

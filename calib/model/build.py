@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
 from calib.effects.context import ARM, turning_joints
-from calib.effects.protocol import Constant, ConstantTwist, ElasticEffect, LoadEffect, PoseEffect
+from calib.effects.geometry import Geometry
+from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
 from calib.effects.readings import ReadingEffect
 from calib.effects.tool_base import Tool, sought
 from calib.effects.tuned import amid
@@ -35,27 +36,9 @@ _COVARIATES = {
         "nothing says from which side the joints came",
         "add columns approach_<joint>, or give measured poses in their order",
     ),
-    "motion": (
-        "nothing says how far the joints went before",
-        "give measured poses in their order",
-    ),
+    "motion": ("nothing says how far the joints went before", "give measured poses in their order"),
     "torque": ("the poses have no torques that the arm measured", "add columns <joint>_Nm"),
 }
-
-
-_INSTEAD = {
-    "moved": "step",
-    "instrument_drift": "base_drift",
-    "link_scale": "geometry",
-    **dict.fromkeys(("focal_scale", "focal_drift", "focal_expansion"), "focal"),
-    "board_bend": "points_mm of the board as measured",
-    "wire_scale": "d_mm with the right scale",
-    "socket_seat": "a marker of its own for that socket",
-    "time_offset": "joints of the moment at which each image was taken",
-}
-"""Effect that is none -> what to use in its place."""
-_OFF_DIAGONAL = "off-diagonal terms of the compliance matrix are not modelled"
-_ACROSS = "use bearing_compliance, base_compliance or tool_compliance for elasticity across a joint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +62,8 @@ def parse_effect(text: str, key: str = "[model] effects") -> tuple[str, tuple[st
     """
     name, colon, rest = text.partition(":")
     name = name.strip()
-    if name == "cross_compliance":
-        raise UnknownEffect(f"{name}: {_OFF_DIAGONAL}; {_ACROSS}")
     if name not in catalogue():
-        hint = f"use {_INSTEAD[name]}" if name in _INSTEAD else _hint(name, catalogue(), "known")
+        hint = _hint(name, catalogue(), "known")
         raise UnknownEffect(f"unknown effect {name!r} in {key}; {hint}")
     return name, tuple(place.strip() for place in rest.split(",")) if colon else None
 
@@ -123,7 +104,9 @@ def place_effect(
     places, turning = kind.places(context), turning_joints(context)
     on_joints = not places or any(place in joints for place in places)
     if where not in places and not (on_joints and where in joints):
-        raise UnknownEffect(_no_place(name, where, places, joints))
+        known = ", ".join(places) or "none on this robot"
+        what = f"{name} has no place {where!r} in [model] effects"
+        raise UnknownEffect(f"{what}; places are: {known}")
     if where in joints and where not in (*places, *turning) and places == turning:
         remedy = "name a joint that turns"
         raise EffectCannotAct(f"{name}:{where}", f"{where} is a prismatic joint", remedy)
@@ -131,19 +114,10 @@ def place_effect(
     for covariate in kind.uses:
         if covariate in context.lacking:
             raise EffectCannotAct(f"{name}:{where}", *_COVARIATES[covariate])
-    if parameters is None or not isinstance(effect, ConstantTwist | Tool):
+    if parameters is None or not isinstance(effect, Geometry | Tool):
         return effect
     names = [p.name for p in effect.parameters]
     return effect.only(tuple(names.index(name) for name in parameters if name in names))
-
-
-def _no_place(name: str, where: str, places: Sequence[str], joints: Sequence[str]) -> str:
-    parts = [part for mark in "*/-+" for part in where.split(mark) if mark in where]
-    if name.endswith("compliance") and len(parts) > 1 and all(p in joints for p in parts):
-        one_by_one = f"name one joint at a time, as in {name}:{parts[0]},{parts[1]}"
-        return f"{name}:{where}: {_OFF_DIAGONAL}; {one_by_one}"
-    known = ", ".join(places) or "none on this robot"
-    return f"{name} has no place {where!r} in [model] effects; places are: {known}"
 
 
 def default_knots(q: Array) -> Array:
@@ -168,24 +142,11 @@ def context_of(cell: Cell, poses: Poses | None) -> Context:
             levels = cell.design.levels[joint].values
             if levels is not None:
                 knots[joint] = levels
-    context = Context(
-        robot=cell.robot,
-        markers=cell.markers,
-        marker_names=cell.marker_names,
-        knots=knots,
-        anchors=dict(cell.anchors),
-        gravity=cell.gravity,
-        payload=cell.payload,
-        measured_load=cell.load is not None,
-        gear_ratios=dict(cell.gear_ratios),
-        instruments=cell.instruments,
-        bodies=dict(cell.bodies),
-        seats=dict(cell.seats),
-    )
+    own = {field.name: getattr(cell, field.name) for field in fields(Cell)} | {"knots": knots}
     if poses is None:
-        return context
-    return replace(
-        context,
+        return Context(**own, measured_load=cell.load is not None)
+    return Context(
+        **own,
         stations=poses.stations,
         measured_load=bool(poses.wrench.any() or poses.load_mass.any()),
         lacking=lacking(poses),

@@ -98,12 +98,6 @@ def determined(span: Array) -> Mask:
     return np.asarray(1.0 - (Q**2).sum(axis=1) <= _OUTSIDE**2)
 
 
-def gain(J: Array, span: Array) -> Array:
-    """How least-squares values follow the rows, shape (p, N), for rows of any noise."""
-    own = root(J, span)
-    return np.asarray((J @ own @ own.T).T)
-
-
 def ignorance(J: Array, span: Array, sizes: Array, lost: Mask) -> Array:
     """What values that were not estimated add to the covariance of all, shape (p, p), SI.
 
@@ -230,10 +224,7 @@ def task_error(errors: Array, weights: Array) -> tuple[float, float]:
 
     errors, weights : ndarray, shape (m,)
     """
-    return (
-        float(np.sqrt(weights @ errors**2 / weights.sum())),
-        float(errors[weights > 0].max()),
-    )
+    return (float(np.sqrt(weights @ errors**2 / weights.sum())), float(errors[weights > 0].max()))
 
 
 def accuracy(

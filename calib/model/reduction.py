@@ -17,7 +17,8 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array, stacked
-from calib.effects.protocol import Constant, ConstantTwist, Effect
+from calib.effects.geometry import Geometry
+from calib.effects.protocol import Constant, Effect
 from calib.effects.readings import TrackerScale
 from calib.effects.tool_base import Base, Tool
 from calib.inference.widths import Key
@@ -176,7 +177,7 @@ def _priorities(model: Model) -> Array:
     for effect in model.effects:
         if isinstance(effect, Base | Tool):
             groups += [0 if isinstance(effect, Base) else 1] * len(effect.parameters)
-        elif isinstance(effect, ConstantTwist):
+        elif isinstance(effect, Geometry):
             offset = axis_component(model.robot, effect)
             groups += [2 if c == offset else 3 for c in effect.components]
         elif isinstance(effect, TrackerScale):
@@ -186,7 +187,7 @@ def _priorities(model: Model) -> Array:
     return np.array(groups)
 
 
-def axis_component(robot: Robot, effect: ConstantTwist) -> int:
+def axis_component(robot: Robot, effect: Geometry) -> int:
     """Component of a frame's displacement that is its joint's own variable, else -1."""
     if not 0 < effect.frame <= robot.dof:
         return -1
@@ -239,4 +240,4 @@ def _without(effect: Effect, gone: set[str]) -> Effect | None:
         return effect
     if not kept:
         return None
-    return effect.only(kept) if isinstance(effect, ConstantTwist | Tool) else effect
+    return effect.only(kept) if isinstance(effect, Geometry | Tool) else effect

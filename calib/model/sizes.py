@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.effects.protocol import Constant, ConstantTwist, Effect, Parameter
+from calib.effects.geometry import Geometry
+from calib.effects.protocol import Constant, Effect, Parameter
 from calib.effects.tool_base import Base, Tool
 from calib.effects.tuned import Tuned
 from calib.errors import UnknownEffect
@@ -80,7 +81,7 @@ def _errors(model: Model) -> list[_Error]:
 
 def _is_zero(model: Model, effect: Effect, k: int) -> bool:
     """Whether a parameter is the zero of a joint."""
-    if isinstance(effect, ConstantTwist):
+    if isinstance(effect, Geometry):
         return axis_component(model.robot, effect) == effect.components[k]
     return effect.kind == OFFSET
 

@@ -44,7 +44,7 @@ def moves(q: Array, begins: Mask | None = None) -> tuple[Array, Array]:
 def with_moves(poses: Poses) -> Poses:
     """The poses of one table with their order, approach, size of move, and when it began.
 
-    An approach, and a size of move, that the table gave are kept.
+    An approach that the table gave is kept.
     """
     order, back = in_order(poses), np.empty(len(poses), dtype=int)
     back[order] = np.arange(len(poses))
@@ -56,7 +56,7 @@ def with_moves(poses: Poses) -> Poses:
         order=back.astype(float),
         approach=approach if derived else poses.approach,
         approach_derived=derived,
-        motion=poses.motion if poses.motion_told else motion,
+        motion=motion,
     )
 
 
@@ -128,7 +128,7 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
         start=first.start,
         order=None,  # it is a number among the fitted readings
         approach=own.approach if second.approach_derived else second.approach,
-        motion=second.motion if second.motion_told else own.motion,
+        motion=own.motion,
     )
     return data, replace(heldout, poses=poses)
 

@@ -30,8 +30,8 @@ class Poses(Result):
     order : ndarray, shape (m,), number of the reading in the session, from zero, or None
     approach : ndarray, shape (m, n), sign of the last motion of each joint, or None
     approach_derived : bool, whether it follows from the order of measurement
-    motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, or None
-    motion_told : bool, whether the table or the plan says it; else it follows from the order
+    motion : ndarray, shape (m, n), rad or m, how far each joint went in the move before, by
+        the order of measurement, or None
     torque : ndarray, shape (m, n), N m or N, that the arm measured along each joint, or None
     station : ndarray of int, shape (m,), index into ``stations``
     stations : tuple of str, names of the instrument's frames
@@ -58,7 +58,6 @@ class Poses(Result):
     torque: Array | None = None
     site: TextArray | None = None
     session: TextArray | None = None
-    motion_told: bool = False
 
     def __post_init__(self) -> None:
         """Raise CalibError, naming the field, where not every pose has its row."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from calib.arm.approach import turns
 from calib.arm.kinematics import Frames, point_slopes
-from calib.arm.mimic import reachable
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate, so3_log
+from calib.arm.ties import reachable
 from calib.arrays import Array, IntArray, Mask
 from calib.errors import NoEquilibrium
 from calib.model import Model

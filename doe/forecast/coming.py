@@ -63,7 +63,7 @@ def _following(now: Poses, coming: Poses) -> Poses:
         time=None if last.time is None else last.time + later,
         order=None if last.order is None else last.order + ahead,
         approach=coming.approach if prescribed else approach,
-        motion=coming.motion if coming.motion_told else motion,
+        motion=motion,
         station=last.station,
         site=np.full(len(coming), "") if coming.site is None else coming.site,
         session=last.session,

@@ -24,10 +24,9 @@ def compensate(
 ) -> None:
     """Correct joint commands, so that the real arm goes where the nominal arm should be.
 
-    RESULT is the JSON of identify or diagnose. TARGETS is a table of nominal joint commands, or of
-    poses of the tip in the robot's base frame (x_mm y_mm z_mm qw qx qy qz). A target may have a
-    wrench; otherwise the cell's [load] acts. Geometry, load and all other identified effects are
-    corrected together. The expected remaining error is stated.
+    RESULT is the JSON of identify or diagnose. TARGETS is a table of nominal joint commands. A
+    target may have a wrench; otherwise the cell's [load] acts. Geometry, load and all other
+    identified effects are corrected together. The expected remaining error is stated.
 
     \b
     Example:
@@ -36,7 +35,6 @@ def compensate(
     """
     import calib
     from calib.errors import InputError
-    from calib.files.cartesian import is_cartesian, solution_said
     from calib.files.estimate import load_estimate
     from calib.files.write_tables import compensated_csv, nominal_table
     from studies.results.compensate import CompensateResult
@@ -51,9 +49,7 @@ def compensate(
     targets, weights = calib.load_targets(cell, targets_path)
     with options.faults_in(targets_path), working("correcting the targets"):
         found = calib.compensate(cell, estimate, targets, weights=weights, tip=tip)
-    tips = is_cartesian(cell.robot, table.columns)
     call.deliver(
         CompensateResult.of(found, cell, call.envelope(cell, inputs)),
         {} if plan_path is None else {plan_path: compensated_csv(cell, table, found)},
-        warnings=solution_said(cell.robot, targets.names, targets.q) if tips else (),
     )

@@ -14,7 +14,7 @@ from studies.command.call import Call
 
 if TYPE_CHECKING:
     from calib.arm.robot import Convention
-    from calib.files.proposal import Proposal
+    from calib.files.robot import Proposal
 
 
 # fmt: off
@@ -49,7 +49,7 @@ def init(
 
     from calib.errors import InputError
     from calib.files.csv_table import csv_text
-    from calib.files.proposal import propose
+    from calib.files.robot import propose
     from calib.files.write import make_folder
     from calib.files.write_tables import measurement_columns
     from calib.instruments import Tracker
@@ -62,12 +62,13 @@ def init(
         if path.exists():
             raise InputError(path, "", "already exists", "name another folder by -o, or move it")
     make_folder(folder)
-    call.check(found.files, cell_path, table_path)
+    files = found.robot.source.files
+    call.check(files, cell_path, table_path)
     beside = Path(os.path.relpath(robot_path.resolve(), folder.resolve())).as_posix()
     name = found.robot.name or robot_path.stem
     header = csv_text(measurement_columns(found.robot, (Tracker(),)), [])
     texts = {cell_path: cell_text(found, beside, name), table_path: header}
-    result = InitResult.of(found, name, table_path, call.envelope(str(cell_path), found.files))
+    result = InitResult.of(found, name, table_path, call.envelope(str(cell_path), files))
     following = f"then  posecal design {cell_path} -o {folder / 'plan.csv'}"
     call.deliver(result, texts, notes=[following])
 
@@ -88,7 +89,7 @@ def cell_text(found: Proposal, robot_file: str, name: str) -> str:
     missing = ~np.isfinite(robot.limits).all(axis=1)
     return plain.from_string(text).render(
         robot=robot,
-        form=found.form,
+        form=found.robot.source.form,
         file=robot_file,
         name=name,
         usual={key: rough(1e3 * getattr(usual, key)) for key in ("best", "middle", "worst")},

@@ -86,7 +86,7 @@ def program_text(
     from calib.errors import InputError
 
     robot, load, most = cell.robot, cell.load, MOST_AXES[ending]
-    if not 6 <= robot.dof <= most or robot.prismatic[:6].any() or robot.mimics or robot.couplings:
+    if not 6 <= robot.dof <= most or robot.prismatic[:6].any() or robot.couplings:
         what = f"takes six joints that turn, {most - 6} after them at most, each with a drive"
         raise InputError(ending, "", what, "drive the arm by hand to the values of the plan")
     tasks = ["measure"] if load is None else ["measure", f"hang {load.mass:g} kg, measure"]

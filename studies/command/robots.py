@@ -81,4 +81,4 @@ def _offsets_file(cell: Cell, result: Identification, path: Path) -> tuple[str, 
     )
     first, last = cell.robot.joints[0], cell.robot.joints[-1]
     ends = f"where base and tool are in the model, offsets of {first} and {last} are part of them"
-    return zero_offsets_csv(cell.robot, offsets, {}), [lost, ends]
+    return zero_offsets_csv(cell.robot, offsets), [lost, ends]

@@ -10,7 +10,7 @@ from pydantic import Field
 from studies.results.base import Count, Entry, Envelope, InputFile, NotNegative, Result
 
 if TYPE_CHECKING:
-    from calib.files.proposal import Proposal
+    from calib.files.robot import Proposal
 
 
 class ProposedArm(Entry):
@@ -47,7 +47,7 @@ class InitResult(Result):
             warnings=found.lacks,
             table=str(table),
             name=name,
-            robot=ProposedArm.from_object(robot, form=found.form),
+            robot=ProposedArm.from_object(robot, form=found.robot.source.form),
             joints=robot.joints,
             others=robot.others,
         )

@@ -298,7 +298,6 @@ def test_a_camera_on_the_arm(written: Write, boards: int) -> None:
 GIVEN = {
     "free": 'free = ["focal", "center"]',
     "believed": "intrinsics_std = { focal_px = 20.0, center_px = 10.0 }",
-    "listed": "intrinsics_std = [20.0, 20.0, 10.0, 10.0]",
 }
 
 

@@ -193,7 +193,7 @@ def test_sockets_are_one_instrument_at_several_sites(tmp_path: Path) -> None:
     wire, plane, sockets = cell.instruments
     assert isinstance(wire, Distance)
     assert wire.known
-    np.testing.assert_allclose(wire.anchor, [0.1, 0.0, 0.0])
+    np.testing.assert_allclose(wire.standing, [0.1, 0.0, 0.0])
     assert [u.name for u in wire.unknowns] == ["offset"]
     assert isinstance(plane, Plane)
     assert plane.sigma == pytest.approx(1e-5)
@@ -225,7 +225,7 @@ PAIR = 'between = ["left", "right"]'
         (PAIR, 'between = ["left", "wire"]', "not two sockets or two"),
         (PAIR, 'between = ["left", "left"]', "not two sockets or two"),
         ('kind = "plane"', 'kind = "plain"', "instruments.table"),
-        ('kind = "plane"', 'kind = "sphere"', "has no known kind; write plane or socket"),
+        ('kind = "plane"', 'kind = "sphere"', "has no known kind; write camera, distance, plane"),
         ("sigma_mm = 0.01", "sigma_mm = 0.01\nreach_mm = 1", "instruments.table.reach_mm"),
         ("b,wire,ball,20,321.5", "b,wire,ball,20,", "line 3, column d_mm: is empty"),
         ("c,right,ball,30,", "a,right,ball,10,", "touches 'left' too; give each its own pose"),

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 import calib
-from calib.arm.enclosing import enclosing_capsule
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.shapes import mesh_vertices
+from calib.files.shapes import enclosing_capsule, mesh_vertices
 from doe.constraints import constraints_of, scene_of
 from doe.constraints.obstacles import Floor
 from tests.helpers import cell_text

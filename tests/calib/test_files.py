@@ -15,14 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
-from calib.arm.inverse import solutions
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.cartesian import solution_said
 from calib.files.estimate import load_estimate
 from calib.files.write import write_files
 from calib.model.build import build
@@ -30,7 +27,7 @@ from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
 from calib.scatter import Variances
 from studies.results.estimate import Estimated
-from tests.day import HEAVY, LIGHT, LIMITED_SEVEN, MARKERS, SCARA, Arm, FileDay, Mechanism, file_day
+from tests.day import FileDay, file_day
 
 # -- Old results stay whole whatever happens while new ones are written
 
@@ -259,93 +256,3 @@ def test_real_readings_that_stuck_or_repeat(data: Path, name: str, count: int, s
     assert len(found) == count
     assert stuck in said
     assert ("last digit" in said) == bool(stuck)
-
-
-# -- Targets as poses of the tip, against arms in MuJoCo
-
-_CROSS = np.concatenate([np.zeros((1, 3)), np.eye(3)])  # origin and ends of the tip's axes
-
-
-def tips(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Axes (m, 3, 3) and origins (m, 3), m, of the nominal tip, by MuJoCo."""
-    points = Mechanism(arm, np.zeros((arm.dof + 2, 6)), _CROSS, weighs=False).posed(q).points
-    return np.swapaxes(points[:, 1:] - points[:, :1], 1, 2), points[:, 0]
-
-
-def with_targets(folder: Path, arm: Arm, R: Array, o: Array, unit: str = "mm") -> tuple[Cell, Path]:
-    """Cell and table of targets."""
-    q = np.tile(arm.limits.mean(axis=1), (2, 1))
-    FileDay(arm, q, np.zeros((2, len(MARKERS), 3))).written(folder)
-    x, y, z, w = Rotation.from_matrix(R).as_quat().T
-    rows = np.column_stack([o * (1e3 if unit == "mm" else 1.0), w, x, y, z])
-    head = f"pose,x_{unit},y_{unit},z_{unit},qw,qx,qy,qz"
-    lines = [f"t{i}," + ",".join(f"{v:.12g}" for v in row) for i, row in enumerate(rows, 1)]
-    (folder / "targets.csv").write_text("\n".join([head, *lines, ""]))
-    return calib.load_cell(folder / "cell.toml"), folder / "targets.csv"
-
-
-def drawn(arm: Arm, count: int, seed: int = 0) -> Array:
-    low, high = arm.limits.T
-    share = np.random.default_rng(seed).uniform(0.15, 0.85, (count, arm.dof))
-    return np.asarray(low + share * (high - low))
-
-
-@pytest.mark.parametrize("unit", ["mm", "m"])
-@pytest.mark.parametrize("arm", [HEAVY, LIGHT, LIMITED_SEVEN, SCARA], ids=lambda arm: arm.name)
-def test_joints_put_the_tip_where_it_is_wanted(tmp_path: Path, arm: Arm, unit: str) -> None:
-    R, o = tips(arm, drawn(arm, 12))
-    targets, weights = calib.load_targets(*with_targets(tmp_path, arm, R, o, unit))
-    assert targets.names == tuple(f"t{i}" for i in range(1, 13))
-    assert (weights == 1.0).all()
-    R_found, o_found = tips(arm, targets.q)
-    np.testing.assert_allclose(o_found, o, atol=2e-8)
-    np.testing.assert_allclose(R_found, R, atol=2e-8)
-    low, high = arm.limits.T
-    assert ((targets.q >= low - 1e-9) & (targets.q <= high + 1e-9)).all()
-
-
-def test_the_solution_is_the_nearest_and_is_said(tmp_path: Path) -> None:
-    R, o = tips(LIGHT, drawn(LIGHT, 6, 1))
-    cell, path = with_targets(tmp_path, LIGHT, R, o)
-    targets, _ = calib.load_targets(cell, path)
-    low, high = LIGHT.limits.T
-    reference = (low + high) / 2.0
-    for i, (own, taken) in enumerate(zip(solutions(cell.robot, R, o), targets.q, strict=True)):
-        assert len(own.q) > 1
-        tip_R, tip_o = tips(LIGHT, own.q)
-        np.testing.assert_allclose(tip_o, np.tile(o[i], (len(own.q), 1)), atol=2e-8)
-        np.testing.assert_allclose(tip_R, np.tile(R[i], (len(own.q), 1, 1)), atol=2e-8)
-        turns = (np.array(list(np.ndindex(*[3] * 6))) - 1) * 2.0 * np.pi
-        every = (own.q[:, None] + turns).reshape(-1, 6)
-        inside = every[((every >= low) & (every <= high)).all(axis=1)]
-        best = np.linalg.norm(inside - reference, axis=1).min()
-        assert np.linalg.norm(taken - reference) == pytest.approx(best, abs=1e-6)
-        reference = taken
-    said = " ".join(solution_said(cell.robot, targets.names, targets.q))
-    first = f"{LIGHT.joints[0].name}_deg "
-    assert f"at t1 the solution nearest to the middle of the joint ranges, {first}" in said
-
-
-def test_what_is_out_of_reach_or_no_orientation_is_refused_by_its_line(tmp_path: Path) -> None:
-    R, o = tips(LIGHT, drawn(LIGHT, 3))
-    cell, path = with_targets(tmp_path, LIGHT, R, o + [[0.0], [9.0], [0.0]] * np.eye(3)[0])
-    with pytest.raises(
-        InputError, match=r"line 3.*does not reach this tip within its limits: \d+\.\d mm"
-    ) as failed:
-        calib.load_targets(cell, path)
-    assert "\n" not in str(failed.value)
-    text = cell.path.read_text()
-    narrow = f"[robot.limits_deg]\n{LIGHT.joints[0].name} = [179.0, 179.5]\n[markers_mm]"
-    cell.path.write_text(text.replace("[markers_mm]", narrow))
-    head, first, _, last = path.read_text().splitlines()
-    for table, said in (
-        ([head, first, last], "within its limits: "),
-        ([head.replace(",qz", ",q_z"), first], "lack column qz"),
-        (
-            [head, first, last.rsplit(",", 1)[0] + ",5"],
-            "line 3, column qw: the quaternion's length",
-        ),
-    ):
-        path.write_text("\n".join([*table, ""]))
-        with pytest.raises(InputError, match=said):
-            calib.load_targets(calib.load_cell(cell.path), path)

@@ -85,7 +85,7 @@ KINDS = {
     "distance": Kind(Distance(**WIRE), CENTRE, distance),
     "distance with offset": Kind(Distance(**WIRE, offset=True), np.append(CENTRE, -0.2), distance),
     "distance from a known anchor": Kind(
-        Distance(**WIRE, anchor=CENTRE, known=True, offset=True), np.array([0.1]), known_anchor
+        Distance(**WIRE, standing=CENTRE, known=True, offset=True), np.array([0.1]), known_anchor
     ),
     "gauge over a plane": Kind(Plane(**WIRE), FLAT, plane),
     "plane": Kind(Plane(**WIRE), FLAT, plane, touched=True),

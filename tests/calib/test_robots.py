@@ -147,9 +147,8 @@ def included(file: str) -> Edit:
 TENDON = '<tendon><fixed name="t"><joint joint="j2" coef="1"/></fixed></tendon>'
 BAD: list[tuple[Edit, str]] = [
     (lambda _: "<robot/>", "<robot>: is not an MJCF; name a file that holds"),
-    (included("../secret.xml"), "include '../secret.xml': leaves the folder"),
-    (included("no.xml"), "include 'no.xml': names no file"),
-    (included("arm.xml"), "include 'arm.xml': is included already"),
+    (included("no.xml"), "is refused by MuJoCo: .*no.xml"),
+    (included("arm.xml"), "is refused by MuJoCo: .*already included"),
     (swap('"base"', '"bas"'), "no body or site 'base'; set .* to one of: world, bas, link"),
     (swap('name="j2"', 'type="ball"'),
      "joint 1 of hand: type 'ball' is not supported; use joints that turn or slide"),
@@ -177,7 +176,6 @@ def test_what_is_no_serial_chain_is_refused_in_one_line(
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    (tmp_path / "secret.xml").write_text("<mujoco/>")
     path = folder / "arm.xml"
     path.write_text(GOOD)
     assert load_mjcf(path, "base", "tip").dof == 2
@@ -246,11 +244,11 @@ J2,revolute,0.05,-0.2,275,3.141592653589793
 J3,prismatic,0.02,0,0,0
 J4,revolute,0.01,0.3,0,0
 """,
-    "a gantry": """joint,kind,alpha_deg,a_m,theta_deg,d_mm,beta_deg
-X,prismatic,-90,0.01,-90,12.5,0
-Y,prismatic,90,0.02,90,0,0
-B,revolute,0,0.1,0,50,0.03
-C,revolute,30,0.2,45,10,0
+    "a gantry": """joint,kind,alpha_deg,a_m,theta_deg,d_mm
+X,prismatic,-90,0.01,-90,12.5
+Y,prismatic,90,0.02,90,0
+B,revolute,0,0.1,0,50
+C,revolute,30,0.2,45,10
 """,
 }
 

@@ -14,9 +14,9 @@ import pytest
 import calib
 from calib import Cell, Poses, Tracker
 from calib.arm.kinematics import Frames, forward, link_origins
-from calib.arm.mimic import Coupling
 from calib.arm.robot import Robot
 from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arm.ties import Coupling
 from calib.arrays import Array
 from calib.effects import EFFECTS
 from calib.errors import CalibError, InputError

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
-from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
@@ -85,32 +84,6 @@ def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
     assert fields["errors_at"] == "markers"
     assert fields["limited"] == {"singular": 1}
     assert fields["warnings"] == []
-
-
-def test_targets_as_poses_of_the_tip(demo: Path, tmp_path: Path) -> None:
-    """The arm goes to the same tips, whether they were given as such or by joints."""
-    cell = calib.load_cell(demo / "cell.toml")
-    joints, _ = calib.load_targets(cell, demo / "targets.csv")
-    tip = forward(cell.robot, joints.q[:3])
-    x, y, z, w = Rotation.from_matrix(tip.R[:, -1]).as_quat().T
-    rows = np.column_stack([tip.o[:, -1] * 1e3, w, x, y, z])
-    lines = ["x_mm,y_mm,z_mm,qw,qx,qy,qz", *(",".join(f"{v:.12g}" for v in r) for r in rows)]
-    (tmp_path / "tips.csv").write_text("\n".join([*lines, ""]))
-    given = (demo / "cell.toml", demo / "result.json", tmp_path / "tips.csv")
-    done = run("compensate", *given, "-o", tmp_path / "c.csv", "--json", tmp_path / "c.json")
-    assert done.exit_code == 0, done.output
-    assert "the solution nearest to the middle of the joint ranges, A1" in " ".join(
-        done.stderr.split()
-    )
-    compensate(demo, "--json", tmp_path / "j.json")
-    tips, by_joints = (json.loads((tmp_path / f"{n}.json").read_text()) for n in "cj")
-    for mine, theirs in zip(tips["targets"], by_joints["targets"], strict=False):
-        assert mine["left_mm"] < 1e-3
-        assert mine["before_mm"] > 0.1
-        assert theirs["before_mm"] > 0.1
-    plan = calib.load_plan(cell, tmp_path / "c.csv")
-    shown = [[t["joints_deg"][j] for j in cell.robot.joints] for t in tips["targets"]]
-    np.testing.assert_allclose(np.degrees(plan.q), shown, atol=2e-6)
 
 
 @pytest.mark.long

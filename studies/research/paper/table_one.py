@@ -115,7 +115,7 @@ def experiment_at(setting: Setting) -> SimulatedExperiment:
     """The simulation study of section IV: fits start at the nominal arm, the truth is off by TRUTH."""
     robot = arm_of_equation_21()
     names = ("m1", "m2", "m3")
-    context = Context(robot, setting.markers, names)
+    context = Context(robot, setting.markers)
     lengths = [LinkGeometry.at(context, where).only((axis,)) for where, axis in _LINKS]
     offsets = [JointOffset.at(context, joint) for joint in robot.joints]
     model = Model(

@@ -13,9 +13,9 @@ import pytest
 import doe
 from calib import Cell, Tracker, load_cell
 from calib.arm.kinematics import forward, link_origins
-from calib.arm.mimic import Coupling
 from calib.arm.robot import Capsule, Shapes
 from calib.arm.statics import Payload, loads_of, transmitted
+from calib.arm.ties import Coupling
 from calib.arrays import Array
 from calib.cell import Load
 from doe.constraints import constraints_of, scene_of, visible

@@ -1,4 +1,4 @@
-"""Joints that follow others, ``q = sum factor * q_master + offset``, and which are left to choose."""
+"""Joints that others move, ``q = sum factor * q_other + offset``, and which are left to choose."""
 
 from __future__ import annotations
 
@@ -11,24 +11,8 @@ from calib.arrays import Array
 
 
 @dataclass(frozen=True)
-class Mimic:
-    """A joint of the chain that follows a master, which is another of the chain or stands outside.
-
-    joint, master : str, names
-    slides : whether the master does
-    factor : float, not zero, rad or m by rad or m; offset : float, rad or m
-    """
-
-    joint: str
-    master: str
-    slides: bool
-    factor: float
-    offset: float
-
-
-@dataclass(frozen=True)
 class Coupling:
-    """A joint without a drive that others of the robot move together, as a rod keeps a link level.
+    """A joint without a drive that others of the robot move, as a rod keeps a link level.
 
     joint : str
     factors : tuple of (str, float), joints that move it, rad or m by rad or m; offset : float, rad or m
@@ -51,27 +35,29 @@ class Ties:
     shift: Array
 
 
-def ties_of(
-    joints: Sequence[str], mimics: Sequence[Mimic], couplings: Sequence[Coupling] = ()
-) -> Ties:
-    """Ties of a robot; of joints that follow one outside it the first leads the others."""
+def ties_of(joints: Sequence[str], couplings: Sequence[Coupling]) -> Ties:
+    """Ties of a robot."""
     matrix, shift = np.eye(len(joints)), np.zeros(len(joints))
     place = {name: k for k, name in enumerate(joints)}
-    leads = {name: Mimic(name, name, False, 1.0, 0.0) for name in joints}
-    for mimic in sorted(mimics, key=lambda own: place[own.joint]):
-        lead = leads.setdefault(mimic.master, mimic)
-        k = place[mimic.joint]
-        ratio = mimic.factor / lead.factor
-        matrix[k] = 0.0
-        matrix[k, place[lead.joint]] = ratio
-        shift[k] = mimic.offset - ratio * lead.offset
     for coupling in couplings:
         k = place[coupling.joint]
         matrix[k], shift[k] = 0.0, coupling.offset
         matrix[k, [place[name] for name, _ in coupling.factors]] = [f for _, f in coupling.factors]
-    while not np.array_equal(further := matrix @ matrix, matrix):  # masters that follow others
+    while not np.array_equal(further := matrix @ matrix, matrix):  # followers that others follow
         matrix, shift = further, matrix @ shift + shift
     return Ties(matrix, shift)
+
+
+def moves_itself(couplings: Sequence[Coupling]) -> str:
+    """The first joint that moves itself, also by way of others; empty where none does."""
+    movers = {own.joint: [name for name, _ in own.factors] for own in couplings}
+    for joint in movers:
+        above = [*movers[joint]]
+        for name in above:  # grows
+            above += [other for other in movers.get(name, ()) if other not in above]
+        if joint in above:
+            return joint
+    return ""
 
 
 def reachable(ties: Ties, limits: Array) -> Array:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import Array, Mask
-from calib.effects.tool_base import Tool
-from calib.model.covariance import at_points_read
 from doe.constraints import read_by, scene_of, visible
 from doe.problem import RIDGE, Problem
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
-_KNOWN = 1e12  # information on what is no unknown, in plausible sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +22,6 @@ class Assessment:
     std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
     task_rms, task_worst : float, m, over the target poses
     observability : dict, indices O1 to O5 of rows scaled to plausible sizes
-    without_pose : ndarray, shape (N,), m, task RMS after the loss of each pose, inf where parameters
-        are lost with it
-    without_marker : dict, marker -> m, the same for each marker
     points, hidden : int, points of the plan, and how many of them are out of sight
     """
 
@@ -38,16 +32,13 @@ class Assessment:
     task_rms: float
     task_worst: float
     observability: dict[str, float]
-    without_pose: Array
-    without_marker: dict[str, float]
     points: int
     hidden: int
 
 
 def assess(problem: Problem, q: Array) -> Assessment:
     """Judge the poses of a plan (m, dof) together with those that are measured in any case."""
-    blocks = problem.information(q)
-    M = problem.fixed + blocks.sum(axis=0)
+    M = problem.fixed + problem.information(q).sum(axis=0)
     units = np.array([p.scale for p in problem.model.parameters])
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
@@ -64,10 +55,6 @@ def assess(problem: Problem, q: Array) -> Assessment:
         task_rms=_rms(weights, squared),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
         observability=observability(problem, M, len(q)),
-        without_pose=np.array(
-            [_rms(weights, _squared_errors(rows, M - block)) for block in blocks]
-        ),
-        without_marker=_without_markers(problem, q, seen),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
     )
@@ -112,25 +99,3 @@ def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
     mean = float(np.exp(np.log(s).mean()) / np.sqrt(poses))
     indices = (mean, least / most, least, least**2 / most, float(1.0 / (1.0 / s).sum()))
     return {f"O{k}": index for k, index in enumerate(indices, 1)}
-
-
-def _without_markers(problem: Problem, q: Array, seen: Mask) -> dict[str, float]:
-    """Task RMS with all but one marker, m; the lost marker's position is no unknown then."""
-    model, at = problem.model, problem.at_targets
-    count = len(model.marker_names)
-    if count == 1 or at_points_read(model) is not model:
-        return {}  # nothing to lose, or readings that are no markers by themselves
-    sized, errors = problem.regressor.T / model.sizes[:, None], {}
-    for lost, name in enumerate(model.marker_names):
-        mask, rows = seen.copy(), at.rows
-        mask[:, lost] = False
-        own = [part for e, part in model.parts if isinstance(e, Tool) and e.marker == lost]
-        known = np.concatenate([sized[:0], *(sized[part] for part in own)])
-        M = problem.fixed + problem.regressor.information(q, mask).sum(axis=0)
-        if rows.shape[1] > 3:  # they count at the markers: the mean over those that are left
-            each = rows.reshape(len(rows), count, 3, -1)
-            rows = np.delete(each, lost, axis=1).reshape(len(rows), -1, rows.shape[-1])
-            rows = rows * np.sqrt(count / (count - 1))
-        squared = _squared_errors(rows, M + _KNOWN * known.T @ known)
-        errors[name] = _rms(at.weights, squared)
-    return errors

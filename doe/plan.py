@@ -23,13 +23,11 @@ class Candidates:
     """What the plan was chosen from.
 
     drawn, feasible : int; removed_by : dict, constraint -> count, each where it fell first
-    survivors : int, candidates that a better plan could still contain
     """
 
     drawn: int
     feasible: int
     removed_by: dict[str, int]
-    survivors: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +38,6 @@ class Certificate:
     bound : float, no plan of the candidates and of the plan's own poses is better, with as many
         second visits or with other poses in their place
     weighted : float, criterion of the best weighted plan, at which the bound was found
-    pool_value : float, criterion of the plan of candidates alone, before its angles were polished and
-        without second visits
-    pool_bound : float, bound for it
-    rounds : int, column generation
     agreement_of_starts : float, median over the starts of the search of what they ended at, over the
         best plan of candidates: near one, what is missing to the bound is likely the bound's slack
     """
@@ -51,9 +45,6 @@ class Certificate:
     value: float
     bound: float
     weighted: float
-    pool_value: float
-    pool_bound: float
-    rounds: int
     agreement_of_starts: float
 
     @property
@@ -82,19 +73,11 @@ class CurveStep:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A plan that was judged beside the result: efficiency against the same bound.
+    """A plan of so many poses that was judged beside the result, against the same bound."""
 
-    q : ndarray, shape (m, dof), its poses
-    """
-
+    poses: int
     assessment: Assessment
     efficiency: float
-    q: Array
-
-    @property
-    def poses(self) -> int:
-        """Number of its poses."""
-        return len(self.q)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,7 +92,7 @@ class Design(Result):
     curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
     granted : tuple of str, what the expected error takes for granted
-    seconds : dict, part -> time
+    seconds : float, that it took
     reapproaches : Reapproaches or None
     day : PlannedDay, the order of the poses and the time that it takes
     """
@@ -125,7 +108,7 @@ class Design(Result):
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()
     granted: tuple[str, ...] = ()
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
     reapproaches: Reapproaches | None = None
 
     def sentences(self) -> list[str]:
@@ -167,18 +150,6 @@ class Design(Result):
     def efficiency(self) -> float:
         """At least this fraction of the best that any allowed plan could reach."""
         return self.certificate.efficiency
-
-    @property
-    def matches(self) -> dict[str, int | None]:
-        """Fewest poses of the curve that do what each plan judged beside this one does, by name."""
-        sign = 1.0 if self.problem.criterion.larger_is_better else -1.0
-        return {
-            name: min(
-                (s.poses for s in self.curve if sign * s.value >= sign * rival.assessment.value),
-                default=None,
-            )
-            for name, rival in self.rivals.items()
-        }
 
 
 def named(q: Array) -> Poses:

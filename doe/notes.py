@@ -39,8 +39,9 @@ def _repeat_visits(design: Design) -> Iterator[str]:
     """What second visits show."""
     if visits := design.reapproaches:
         yield (
-            f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the arm's "
-            f"repeatability to +-{100 * visits.error:.0f} %, if it is well above the noise of the instrument."
+            f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the "
+            f"arm's repeatability to +-{100 * visits.error:.0f} %, if it is well above the noise of "
+            "the instrument."
         )
 
 

@@ -38,7 +38,8 @@ _TRIES, _ROUNDS = 32, 36  # neighbours of each pose in one round
 _WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 _STEPS = 8  # of a curve
 _LEVELS_FIRST = (
-    "The levels were chosen first, for a model with even knots; the efficiency is for the levels as chosen."
+    "The levels were chosen first, for a model with even knots; the efficiency is for the levels as "
+    "chosen."
 )
 
 

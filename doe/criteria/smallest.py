@@ -215,20 +215,3 @@ class Rivals(Smallest):
     def member_gradient(self, M: Array, weights: Array) -> Array:
         first, second = self._directions(M)
         return np.asarray(weights[0] * first @ first.T + weights[1] * second @ second.T)
-
-    def conic(self, M: Any, at: Array) -> Conic:
-        import cvxpy as cp
-
-        smallest = cp.Variable()
-        scale = max(float((V**2).sum()) for V in self.V)
-        above, rest = [], []
-        for V in self.V:
-            K = cp.Variable((len(V), len(V)), symmetric=True)
-            above.append(cp.sum(K) / len(V) >= smallest)
-            rest.append(M - V.T @ K @ V / scale >> 0)
-
-        def witness() -> Array:
-            weights = np.maximum([float(c.dual_value) for c in above], 0.0)
-            return self.member_gradient(M.value, weights / weights.sum())
-
-        return Conic(smallest, [*above, *rest], witness)

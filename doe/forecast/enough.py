@@ -165,9 +165,7 @@ def enough(
     return replace(result, fresh=fresh[: replace(result, fresh=fresh).fresh_needed])
 
 
-def _linearised(
-    cell: Cell, poses: Poses, found: Identification | None
-) -> Linearisation:
+def _linearised(cell: Cell, poses: Poses, found: Identification | None) -> Linearisation:
     """The model of the whole day to first order, as identified so far.
 
     Readings count with scatter that was not detected, as the identification has it.

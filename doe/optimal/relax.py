@@ -29,7 +29,11 @@ _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywher
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
-_STEPS, _LENGTHS = 150, np.geomspace(0.5, 1e-3, 12)  # of the method without cones
+_RANDOM, _STEPS = (
+    20,
+    150,
+)  # plans by chance that the method without cones begins with, and its steps
+_LENGTHS = np.geomspace(0.5, 1e-3, 12)
 _MOST_STEPS, _CENTRING, _TO_BOUNDARY = 80, 0.15, 0.98  # of the interior point method
 
 
@@ -106,8 +110,11 @@ def _stepped(posed: Selection) -> Relaxation:
     For criteria without a cone form: it takes seconds, and proves less.
     """
     criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
-    w, best, G_best = np.full(len(posed), allowed.size / len(posed)), np.inf, np.eye(0)
-    M = blocks.fixed + allowed.size * blocks.mean
+    w, best, G_best = np.zeros(len(posed)), np.inf, np.eye(0)
+    rng = np.random.default_rng(0)
+    for _ in range(_RANDOM):
+        np.add.at(w, allowed.best(rng.random(len(posed)))[1], 1.0 / _RANDOM)
+    M = blocks.total(np.flatnonzero(w), w[w > 0.0])
     for _ in range(_STEPS):
         G = criterion.gradient(M)
         total, chosen = allowed.best(blocks.scores(G))
@@ -119,7 +126,7 @@ def _stepped(posed: Selection) -> Relaxation:
         w *= 1.0 - _LENGTHS[longest]
         np.add.at(w, chosen, _LENGTHS[longest])
         M = trials[longest]
-    index = np.flatnonzero(w > _IDLE)
+    index = np.flatnonzero(w)
     return Relaxation(index, w[index], M, G_best, float(criterion.value(M)), best, _STEPS)
 
 

@@ -44,8 +44,8 @@ class LastingError(Entry):
     scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
     unexplained_mm : what the model lacks
     trend_mm : the part of it by which the trend of the day goes on until the targets' time
-    heldout_mm : RMS at held-out poses, None where there are none; missed_mm : there, else at the ends of
-        the day as the other readings predict them, less the instrument's noise
+    heldout_mm : RMS at held-out poses, None where there are none
+    missed_mm : there, else at the ends of the day as the others predict them, less the noise
     """
 
     rms_mm: NotNegative

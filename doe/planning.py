@@ -19,7 +19,6 @@ from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.poses import Measurements, Poses
 from calib.threads import one_blas_thread
-from doe.assess import assess, open_parameters
 from doe.candidates import Pool, movable, rounded
 from doe.constraints import scene_of
 from doe.levels import AngleLevels, with_even_knots
@@ -28,7 +27,16 @@ from doe.optimal.function import Selection
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.order import Reapproaches, day_of, quickest_order, with_reapproaches
-from doe.plan import Candidates, Certificate, CurveStep, Design, Rival, named
+from doe.plan import (
+    Candidates,
+    Certificate,
+    CurveStep,
+    Design,
+    Rival,
+    assess,
+    named,
+    open_parameters,
+)
 from doe.problem import Problem, problem_of
 from doe.request import CANDIDATES, CannotIdentify, Request, request_of
 
@@ -143,7 +151,7 @@ def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
     posed, request = problem.posed(pool), problem.request
     best = best_plan(posed, relax(posed), seed=request.seed, thorough=thorough)
     lost = open_parameters(problem, posed.blocks.total(best.plan))
-    if problem.criterion.whole and lost.any():
+    if problem.criterion.whole and not request.of and lost.any():
         ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
         more = "more poses" if request.levels is None else "more levels, more poses"
         raise CannotIdentify(

@@ -38,10 +38,6 @@ class SmallestEigenvalue(Criterion):
     def of(cls, question: Question) -> Self:
         return cls(question.chosen(question.sized))
 
-    @property
-    def whole(self) -> bool:
-        return bool(self.V.shape[0] == self.V.shape[1])
-
     def value(self, M: Array) -> Array:
         cov = self.V @ solved(M, self.V.T)
         return np.asarray(1.0 / np.linalg.eigvalsh(cov)[..., -1])
@@ -79,6 +75,8 @@ class SmallestEigenvalue(Criterion):
 class Smallest(Criterion):
     """``Phi = min_k Phi_k``, each of the K members an information function."""
 
+    whole: ClassVar[bool] = False
+
     @abstractmethod
     def members(self, M: Array) -> Array:
         """``Phi_k(M)``, shape (..., K)."""
@@ -104,10 +102,6 @@ class WorstVariance(Smallest):
     """
 
     F: Array
-
-    @property
-    def whole(self) -> bool:
-        return False
 
     @cached_property
     def _packed(self) -> Array:
@@ -183,10 +177,6 @@ class Rivals(Smallest):
     """
 
     V: tuple[Array, Array]
-
-    @property
-    def whole(self) -> bool:
-        return False
 
     name: ClassVar[str] = "discriminate"
     unit: ClassVar[str] = "squared residual of the worse rival, in noise variances"

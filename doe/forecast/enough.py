@@ -29,7 +29,6 @@ from doe.forecast.accuracy import (
 )
 from doe.forecast.coming import Match, match, whole_day
 from doe.information import Linearisation, Rows, nominal
-from doe.plan import stops_paying
 
 _MOST_FRESH, _DRAWN = 30, 256  # poses beyond the plan, and those they are the first allowed of
 
@@ -107,15 +106,6 @@ class Enough(Result):
     def fresh_needed(self) -> int | None:
         """How many poses beyond the plan the goal needs; None if more than were tried."""
         return next((k for k, step in enumerate(self.fresh, 1) if self.reaches(step)), None)
-
-    @property
-    def pays_until(self) -> int | None:
-        """Poses still to come after which more of them only average noise; None while some is open."""
-        open_in_the_end = set(self.steps[-1].open)
-        settled = [k for k, step in enumerate(self.steps) if set(step.open) <= open_in_the_end]
-        steps = [self.steps[k] for k in settled]
-        at = stops_paying([step.readings for step in steps], [step.task_rms for step in steps])
-        return next((k for k in settled if self.steps[k].readings == at), None)
 
 
 @one_blas_thread

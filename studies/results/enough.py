@@ -129,7 +129,6 @@ class EnoughResult(Result):
     poses_to_goal: Count | None
     fresh_poses_to_goal: Count | None
     fresh: tuple[ExpectedStep, ...]
-    pays_until: Count | None
 
     @classmethod
     def of(

@@ -25,9 +25,9 @@ from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import visits
 from calib.simulation import drawn_readings
-from doe.assess import assess
 from doe.information import Regressor
 from doe.order import durations, over_the_day, quickest_order, with_reapproaches
+from doe.plan import assess
 from doe.problem import Problem, problem_of
 from doe.request import Request, request_of
 from studies.compare.experiment import POINTS, experiment_of, predict

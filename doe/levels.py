@@ -28,8 +28,6 @@ class AngleLevels:
     values : ndarray, shape (L,), rad or m, ascending: the levels, or the grid to choose them from
     used, per_level : int
     separation : float, rad or m, least distance of two levels that are used
-    proved : float, share of the best choice that these reach at least, where they were chosen before
-        the plan, for a model with even knots; among : int, so many
     """
 
     joint: int
@@ -37,8 +35,6 @@ class AngleLevels:
     used: int
     per_level: int
     separation: float = 0.0
-    proved: float | None = None
-    among: int = 0
 
     @property
     def poses(self) -> int:
@@ -55,11 +51,9 @@ class AngleLevels:
         distance = np.abs(q[:, self.joint, None] - self.values)
         return np.where(distance.min(axis=1) < _AT_LEVEL, distance.argmin(axis=1), -1)
 
-    def only(self, values: Array, proved: float | None = None) -> AngleLevels:
+    def only(self, values: Array) -> AngleLevels:
         """The same with its levels settled, shape (k,), rad or m."""
-        return AngleLevels(
-            self.joint, values, len(values), self.per_level, proved=proved, among=len(self.values)
-        )
+        return AngleLevels(self.joint, values, len(values), self.per_level)
 
 
 def parse_levels(cell: Cell, text: str) -> dict[str, AskedLevels]:
@@ -176,19 +170,20 @@ def _chosen(cell: Cell, joint: int, asked: AskedLevels) -> AngleLevels:
     return AngleLevels(joint, grid, used, asked.per_level, separation)
 
 
-def steer_the_model(cell: Cell, levels: AngleLevels) -> bool:
-    """Whether levels are to be chosen and the model has a coefficient at each of them."""
+def with_even_knots(cell: Cell, levels: AngleLevels) -> Cell | None:
+    """As many coefficients as levels, evenly over the joint's range, where both are to be chosen.
+
+    None where they are given, or the model has no coefficients of that joint.
+    """
     joint = cell.robot.joints[levels.joint]
-    return not (levels.chosen or joint in cell.knots) and any(
+    modelled = any(
         name == StiffnessVsAngle.kind and (where is None or joint in where)
         for name, where in map(parse_effect, cell.effects)
     )
-
-
-def with_even_knots(cell: Cell, levels: AngleLevels) -> Cell:
-    """As many coefficients as levels, evenly over the joint's range, while the levels are chosen."""
+    if levels.chosen or joint in cell.knots or not modelled:
+        return None
     even = np.linspace(levels.values[0], levels.values[-1], levels.used)
-    return replace(cell, knots={**cell.knots, cell.robot.joints[levels.joint]: even})
+    return replace(cell, knots={**cell.knots, joint: even})
 
 
 def _unit(cell: Cell, joint: int) -> float:

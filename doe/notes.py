@@ -36,21 +36,13 @@ def notes_of(design: Design) -> tuple[str, ...]:
 
 
 def _repeat_visits(design: Design) -> Iterator[str]:
-    """What second visits show, and how to plan without them."""
-    visits = design.reapproaches
-    if visits is None:
-        return
-    known = f"+-{100 * visits.common:.0f} %"
-    if visits.whole:
-        known = " and ".join(
-            f"+-{100 * visits.translation:.0f} % ({kind})" for kind in ("translation", "rotation")
+    """What second visits show."""
+    if visits := design.reapproaches:
+        yield (
+            f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the "
+            f"arm's repeatability to +-{100 * visits.error:.0f} %, if it is well above the noise of "
+            "the instrument."
         )
-    yield (
-        f"{len(visits.again)} of the {len(design.poses)} stops are repeat visits. They show the arm's "
-        f"repeatability to {known}, if it is well above the noise of the instrument."
-    )
-    if not visits.asked:
-        yield "posecal design --reapproach 0 plans new poses in their place."
 
 
 def _unplanned(design: Design) -> Iterator[str]:
@@ -104,15 +96,10 @@ def _checked(design: Design) -> Iterator[str]:
 
 
 def _coefficients(design: Design) -> Iterator[str]:
-    """Where levels were chosen for the coefficients to stand at, and where the others stand."""
-    problem, levels = design.problem, design.levels
-    cell, at = problem.cell, None if levels is None else problem.cell.robot.joints[levels.joint]
-    if levels is not None and levels.proved is not None:
-        yield (
-            f"levels chosen among {levels.among}, at least {levels.proved:.3f} of the best choice for "
-            "a model with even knots; the efficiency is for the levels as chosen."
-        )
-    for effect in problem.model.effects:
+    """Where coefficients stand that neither the cell nor the levels place."""
+    cell, levels = design.problem.cell, design.levels
+    at = None if levels is None else cell.robot.joints[levels.joint]
+    for effect in design.problem.model.effects:
         if isinstance(effect, StiffnessVsAngle) and effect.where not in (at, *cell.knots):
             angles = ", ".join(f"{np.degrees(knot):.6g}" for knot in effect.knots)
             yield (

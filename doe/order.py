@@ -143,30 +143,16 @@ class Reapproaches:
 
     poses : tuple of str, the plan's; again : tuple of str, each one's second visit
     dof : int, coordinates that tell of the repeatability, if it is well above the instrument's noise
-    whole : bool, whether every visit shows all six coordinates of the tip
-    asked : bool, else they are among the poses that were asked for
     """
 
     poses: tuple[str, ...]
     again: tuple[str, ...]
     dof: int
-    whole: bool
-    asked: bool
 
     @property
-    def common(self) -> float:
-        """Relative standard deviation of the repeatability if the ratio of both is known."""
-        return float(1.0 / np.sqrt(2.0 * self.dof))
-
-    @property
-    def translation(self) -> float:
-        """That of translation beside rotation, NaN where the markers do not tell them apart."""
-        return float(1.0 / np.sqrt(self.dof)) if self.whole else float("nan")
-
-    @property
-    def rotation(self) -> float:
-        """That of rotation beside translation: there are as many coordinates."""
-        return self.translation
+    def error(self) -> float:
+        """Relative standard deviation of the repeatability of translation, and of rotation."""
+        return float(1.0 / np.sqrt(self.dof))
 
 
 def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses, Reapproaches]:
@@ -183,8 +169,7 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
     visited = replace(poses.take(np.array(day)), names=tuple(names), time=None, order=None)
     once = tuple(poses.names[i] for i in chosen)
     again = tuple(f"{name}_again" for name in once)
-    whole = bool((dof == 6).all())
-    return visited, Reapproaches(once, again, int(dof.sum()), whole, problem.request.asked)
+    return visited, Reapproaches(once, again, int(dof.sum()))
 
 
 def _spread(problem: Problem, poses: Poses, count: int) -> tuple[IntArray, IntArray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +19,24 @@ from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.poses import Measurements, Poses
 from calib.threads import one_blas_thread
-from doe.assess import assess, open_parameters
 from doe.candidates import Pool, movable, rounded
 from doe.constraints import scene_of
-from doe.levels import AngleLevels, steer_the_model, with_even_knots
+from doe.levels import AngleLevels, with_even_knots
 from doe.notes import granted_by, notes_of
 from doe.optimal.function import Selection
 from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.order import Reapproaches, day_of, quickest_order, with_reapproaches
-from doe.plan import Candidates, Certificate, CurveStep, Design, Rival, named
+from doe.plan import (
+    Candidates,
+    Certificate,
+    CurveStep,
+    Design,
+    Rival,
+    assess,
+    named,
+    open_parameters,
+)
 from doe.problem import Problem, problem_of
 from doe.request import CANDIDATES, CannotIdentify, Request, request_of
 
@@ -37,6 +45,10 @@ _EPSILON = 1e-15  # the same for each unit of the condition number of what is in
 _TRIES, _ROUNDS = 32, 36  # neighbours of each pose in one round
 _WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 _STEPS = 8  # of a curve
+_LEVELS_FIRST = (
+    "The levels were chosen first, for a model with even knots; the efficiency is for the levels as "
+    "chosen."
+)
 
 
 def design(
@@ -68,7 +80,7 @@ def design(
 
     The cell's [design] says whether a candidate may be used more than once (repeats), and how many of
     the poses are visited again, over the day and from the other side, to show the arm's repeatability
-    (reapproaches). Where it is silent and that is not known, these are a tenth of ``poses``.
+    (reapproaches).
 
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
@@ -81,34 +93,18 @@ def design(
 
 @one_blas_thread
 def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:
-    """The plan of a request; without second visits that nobody asked for where they cost too much."""
-    try:
-        return _planned(cell, request, against)
-    except CannotIdentify:
-        if request.asked or not request.reapproaches:
-            raise
-        poses = request.poses + request.reapproaches
-        return _planned(cell, replace(request, poses=poses, reapproaches=0), against)
-
-
-def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:
-    clock = _Clock()
-    if request.levels is not None and steer_the_model(cell, request.levels):
-        request = replace(request, levels=_levels(cell, request, request.levels))
-        clock.lap("levels")
+    """The plan of a request."""
+    begun, levels, early = time.perf_counter(), request.levels, ()
+    if levels is not None and (even := with_even_knots(cell, levels)) is not None:
+        request, early = _settled(even, request, levels), (_LEVELS_FIRST,)
     problem = problem_of(cell, request)
     offered = pool = problem.candidates()
-    clock.lap("pool")
-    chosen = final = choose(problem, pool)
-    clock.lap("exchange")
+    chosen = choose(problem, pool)
     if request.polish and isinstance(request.candidates, int):
-        pool, final = _polished(problem, pool, chosen)
-        clock.lap("polish")
-    poses, again, second = _visited(problem, pool.q[final.plan])
-    certificate = _certified(problem, pool, chosen, final, second)
-    left = problem.posed(pool).survivors(final.relaxed.G, final.value)
-    levels = request.levels
-    if levels is not None and not levels.chosen:
+        pool, chosen = _polished(problem, pool, chosen)
+    poses, again, second = _visited(problem, pool.q[chosen.plan])
+    certificate = _certified(problem, pool, chosen, second)
+    if levels is not None:
         levels = levels.only(np.unique(poses.q[:, levels.joint]))
     result = Design(
         problem=problem,
@@ -116,23 +112,22 @@ def _planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desi
         levels=levels,
         assessment=assess(problem, poses.q),
         certificate=certificate,
-        candidates=Candidates(offered.drawn, len(offered), offered.removed, len(left)),
+        candidates=Candidates(offered.drawn, len(offered), offered.removed),
         rivals={n: _judged(problem, plan.q, certificate.bound) for n, plan in against.items()},
         curve=_accuracy_curve(problem, offered) if request.curve else (),
         reapproaches=again,
         day=day_of(cell, poses),
     )
-    clock.lap("judgement")
-    return replace(result, notes=notes_of(result), granted=granted_by(result), seconds=clock.laps)
+    notes, seconds = (*early, *notes_of(result)), time.perf_counter() - begun
+    return replace(result, notes=notes, granted=granted_by(result), seconds=seconds)
 
 
-def _levels(cell: Cell, request: Request, levels: AngleLevels) -> AngleLevels:
-    """Levels that are best for a model with even knots: the model's knots will follow them."""
-    problem = problem_of(with_even_knots(cell, levels), request)
+def _settled(cell: Cell, request: Request, levels: AngleLevels) -> Request:
+    """The request at levels that are best for a cell with even knots: its own will follow them."""
+    problem = problem_of(cell, request)
     pool = problem.candidates()
-    best = choose(problem, pool)
-    used = np.unique(pool.q[best.plan, levels.joint])
-    return levels.only(used, best.value / best.relaxed.bound)
+    best = choose(problem, pool, thorough=False)
+    return replace(request, levels=levels.only(np.unique(pool.q[best.plan, levels.joint])))
 
 
 def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None, Array]:
@@ -147,7 +142,8 @@ def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None, Ar
 def _judged(problem: Problem, q: Array, bound: float) -> Rival:
     """A plan (m, dof) beside the result."""
     M = problem.fixed + problem.information(q).sum(axis=0)
-    return Rival(assess(problem, q), float(problem.criterion.plain.value(M)) / bound, q)
+    efficiency = float(problem.criterion.plain.value(M)) / bound
+    return Rival(len(q), assess(problem, q), efficiency)
 
 
 def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
@@ -155,7 +151,7 @@ def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
     posed, request = problem.posed(pool), problem.request
     best = best_plan(posed, relax(posed), seed=request.seed, thorough=thorough)
     lost = open_parameters(problem, posed.blocks.total(best.plan))
-    if problem.criterion.whole and lost.any():
+    if problem.criterion.whole and not request.of and lost.any():
         ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
         more = "more poses" if request.levels is None else "more levels, more poses"
         raise CannotIdentify(
@@ -179,33 +175,21 @@ def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
     return replace(best, value=plain.value(best.plan), relaxed=relaxed)
 
 
-def _certified(
-    problem: Problem, pool: Pool, before: WholePlan, final: WholePlan, again: Array
-) -> Certificate:
-    """What is proved of a plan whose poses ``again`` (m, dof) are visited twice.
-
-    before : the plan before its poses were polished; final : its poses among those of the pool
-    """
+def _certified(problem: Problem, pool: Pool, found: WholePlan, again: Array) -> Certificate:
+    """What is proved of a plan of candidates whose poses ``again`` (m, dof) are visited twice."""
     posed = replace(problem.posed(pool), criterion=problem.criterion.plain)
-    blocks, relaxed, count = posed.blocks, final.relaxed, len(again)
+    blocks, relaxed, count = posed.blocks, found.relaxed, len(again)
     scores = blocks.scores(relaxed.G)
     best = np.full(count, scores.argmax()) if posed.allowed.repeats else np.argsort(-scores)[:count]
-    M = blocks.total(final.plan)
+    M = blocks.total(found.plan)
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
     rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(M)))
     bound = relaxed.bound + float(scores[best].sum())
     value = float(posed.criterion.value(M + problem.information(again).sum(axis=0)))
-    if not posed.allowed.admits(final.plan) or value > bound * (1.0 + rounding):
+    if not posed.allowed.admits(found.plan) or value > bound * (1.0 + rounding):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
-    return Certificate(
-        value=min(value, bound),
-        bound=bound,
-        weighted=float(posed.criterion.value(relaxed.M + blocks.matrices(best).sum(axis=0))),
-        pool_value=before.value,
-        pool_bound=before.relaxed.bound,
-        rounds=before.relaxed.rounds,
-        agreement_of_starts=before.agreement,
-    )
+    weighted = float(posed.criterion.value(relaxed.M + blocks.matrices(best).sum(axis=0)))
+    return Certificate(min(value, bound), bound, weighted, found.agreement)
 
 
 def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
@@ -291,15 +275,3 @@ def _sizes(problem: Problem) -> Iterator[Request]:
     sizes = np.geomspace(max(least, 2), 2 * request.poses, _STEPS).round().astype(int)
     for poses in np.union1d(sizes, request.poses).tolist():
         yield replace(request, poses=poses)
-
-
-@dataclass
-class _Clock:
-    """The seconds that each part took."""
-
-    laps: dict[str, float] = field(default_factory=dict)
-    last: float = field(default_factory=time.perf_counter)
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.laps[name], self.last = now - self.last, now

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
 from calib.errors import CalibError, InputError
 from calib.files.tables import holds_points, load_measurements, load_plan
 from calib.poses import Measurements, Poses
-from calib.poses.moves import visits
 from doe.criteria import UNASKED, catalogue
 from doe.levels import AngleLevels, levels_of, parse_levels
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
 _MOST_POSES = 10_000
-_LEAST_POSES, _FEWEST, _ONE_IN = 20, 4, 10  # with second visits, and how many of these
 
 
 class CannotIdentify(CalibError):
@@ -38,8 +34,7 @@ class Request:
     criterion : str, a key of ``doe.criteria.catalogue()``
     of : effects or parameters that matter; rivals : two effects to tell apart, or None
     fixed : Poses measured in any case, or None
-    reapproaches : how many of the poses are visited again; asked : whether somebody said so, else these
-        are as many poses fewer than were asked for
+    reapproaches : how many of the poses are visited again
     at_markers : whether errors at the targets count at the markers, else at the tip's origin; None:
         where the markers are unknowns of the model
     polish : whether the angles of drawn candidates are moved a little after the choice
@@ -54,7 +49,6 @@ class Request:
     repeats: bool = False
     candidates: int | Poses = CANDIDATES
     reapproaches: int = 0
-    asked: bool = True
     at_markers: bool | None = None
     polish: bool = True
     curve: bool = False
@@ -83,11 +77,11 @@ def request_of(
     source = load_plan(cell, candidates) if isinstance(candidates, str | Path) else candidates
     if isinstance(source, int) and source < 1:
         raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
-    again = cell.design.reapproaches
-    if again is not None and again < 0:
+    again = cell.design.reapproaches or 0
+    if again < 0:
         raise CalibError(f"{again} poses cannot be visited again; ask for 1 or more, or 0")
     at = levels_of(cell, parse_levels(cell, levels) if isinstance(levels, str) else levels, poses)
-    request = Request(
+    return Request(
         poses=_count(cell, poses, None if at is None else at.poses),
         criterion=_criterion(criterion, discriminate, tuple(of)),
         levels=at,
@@ -96,15 +90,10 @@ def request_of(
         fixed=None if extend is None else _measured(cell, extend),
         repeats=cell.design.repeats,
         candidates=source,
-        reapproaches=again or 0,
-        asked=again is not None,
+        reapproaches=again,
         curve=curve,
         seed=seed,
     )
-    usual = _usual_reapproaches(cell, request)
-    if request.asked or not usual:
-        return replace(request, asked=True)
-    return replace(request, poses=request.poses - usual, reapproaches=usual)
 
 
 def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
@@ -142,25 +131,6 @@ def _measured(cell: Cell, given: str | Path | Poses | Measurements) -> Poses:
     poses = given.poses
     loaded = poses.wrench.any(axis=1) | (poses.load_mass != 0.0)
     return poses.take(loaded) if cell.load is not None and loaded.any() else poses
-
-
-def _usual_reapproaches(cell: Cell, request: Request) -> int:
-    """Second visits among the poses of a plan, where nobody said how many: a tenth, at least four.
-
-    None where the arm's repeatability is stated, where levels, rivals or repeats say what each pose is
-    for, where the candidates are just the plan, where the plan to extend visits poses again, and where
-    they would cost too much: of 20 poses four second visits raise the expected error by 2 to 4 %, of 16
-    by 5 to 10 % (three arms).
-    """
-    fixed, source = request.fixed, request.candidates
-    against = (
-        request.poses < _LEAST_POSES,
-        isinstance(source, Poses) and len(source) <= request.poses,
-        cell.repeatability is not None,
-        fixed is not None and len(np.unique(visits(fixed))) > len(np.unique(fixed.configuration)),
-        request.levels is not None or request.rivals is not None or request.repeats,
-    )
-    return 0 if any(against) else max(_FEWEST, round(request.poses / _ONE_IN))
 
 
 def refuse_unplaced(cell: Cell) -> None:

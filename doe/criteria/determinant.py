@@ -22,16 +22,13 @@ class Subset(Criterion):
 
     V: Array
     name: ClassVar[str] = "Ds"
+    whole: ClassVar[bool] = False
     unit: ClassVar[str] = "det(K)^(1/s), parameters in their units"
     larger_is_better: ClassVar[bool] = True
 
     @classmethod
     def of(cls, question: Question) -> Self:
         return cls(question.chosen(question.shown, needed_by="Ds"))
-
-    @property
-    def whole(self) -> bool:
-        return False
 
     def value(self, M: Array) -> Array:
         cov = self.V @ solved(M, self.V.T)
@@ -57,16 +54,13 @@ class Determinant(Subset):
     """
 
     name: ClassVar[str] = "D"
+    whole: ClassVar[bool] = True
     unit: ClassVar[str] = "det(M)^(1/p), parameters in their units"
     smooth: ClassVar[bool] = True
 
     @classmethod
     def of(cls, question: Question) -> Self:
         return cls(question.shown)
-
-    @property
-    def whole(self) -> bool:
-        return True
 
     def value(self, M: Array) -> Array:
         return np.asarray(self._scale * np.exp(np.linalg.slogdet(M)[1] / M.shape[-1]))

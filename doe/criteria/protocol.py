@@ -80,16 +80,13 @@ class Criterion(InformationFunction):
 
     unit: ClassVar[str]
     larger_is_better: ClassVar[bool] = False
+    whole: ClassVar[bool] = True
+    """Whether every parameter must be determined where none matters more than others."""
 
     @property
     def plain(self) -> Criterion:
         """The criterion without what keeps the search away from singular plans."""
         return self
-
-    @property
-    def whole(self) -> bool:
-        """Whether every parameter must be determined; else a plan may leave some open."""
-        return True
 
     @classmethod
     @abstractmethod

@@ -38,10 +38,6 @@ class SmallestEigenvalue(Criterion):
     def of(cls, question: Question) -> Self:
         return cls(question.chosen(question.sized))
 
-    @property
-    def whole(self) -> bool:
-        return bool(self.V.shape[0] == self.V.shape[1])
-
     def value(self, M: Array) -> Array:
         cov = self.V @ solved(M, self.V.T)
         return np.asarray(1.0 / np.linalg.eigvalsh(cov)[..., -1])
@@ -79,6 +75,8 @@ class SmallestEigenvalue(Criterion):
 class Smallest(Criterion):
     """``Phi = min_k Phi_k``, each of the K members an information function."""
 
+    whole: ClassVar[bool] = False
+
     @abstractmethod
     def members(self, M: Array) -> Array:
         """``Phi_k(M)``, shape (..., K)."""
@@ -104,10 +102,6 @@ class WorstVariance(Smallest):
     """
 
     F: Array
-
-    @property
-    def whole(self) -> bool:
-        return False
 
     @cached_property
     def _packed(self) -> Array:
@@ -184,10 +178,6 @@ class Rivals(Smallest):
 
     V: tuple[Array, Array]
 
-    @property
-    def whole(self) -> bool:
-        return False
-
     name: ClassVar[str] = "discriminate"
     unit: ClassVar[str] = "squared residual of the worse rival, in noise variances"
     larger_is_better: ClassVar[bool] = True
@@ -215,20 +205,3 @@ class Rivals(Smallest):
     def member_gradient(self, M: Array, weights: Array) -> Array:
         first, second = self._directions(M)
         return np.asarray(weights[0] * first @ first.T + weights[1] * second @ second.T)
-
-    def conic(self, M: Any, at: Array) -> Conic:
-        import cvxpy as cp
-
-        smallest = cp.Variable()
-        scale = max(float((V**2).sum()) for V in self.V)
-        above, rest = [], []
-        for V in self.V:
-            K = cp.Variable((len(V), len(V)), symmetric=True)
-            above.append(cp.sum(K) / len(V) >= smallest)
-            rest.append(M - V.T @ K @ V / scale >> 0)
-
-        def witness() -> Array:
-            weights = np.maximum([float(c.dual_value) for c in above], 0.0)
-            return self.member_gradient(M.value, weights / weights.sum())
-
-        return Conic(smallest, [*above, *rest], witness)

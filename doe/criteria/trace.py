@@ -25,10 +25,6 @@ class Trace(Criterion):
     F: Array
     smooth: ClassVar[bool] = True
 
-    @property
-    def whole(self) -> bool:
-        return bool(np.linalg.matrix_rank(self.F) == len(self.F))
-
     def variance(self, M: Array) -> Array:
         """``tr(F^T M^-1 F)`` of matrices (..., p, p)."""
         return np.asarray(np.einsum("pr,...pr->...", self.F, solved(M, self.F)))
@@ -76,6 +72,7 @@ class Combination(Average):
     """c: variance of one parameter or of one linear combination, in its units."""
 
     name: ClassVar[str] = "c"
+    whole: ClassVar[bool] = False
     unit: ClassVar[str] = "variance of the combination, parameters in their units"
 
     @classmethod
@@ -98,10 +95,6 @@ class Task(Trace):
     without: Task | None = None
     name: ClassVar[str] = "task"
     unit: ClassVar[str] = "mm RMS at the targets"
-
-    @property
-    def whole(self) -> bool:
-        return True
 
     @classmethod
     def of(cls, question: Question) -> Self:

@@ -6,31 +6,29 @@ No reading lowers the arm's scatter nor what the model lacks.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
 from calib.arrays import Array, stacked
-from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.identification import Identification
 from calib.inference.coverage import freedom
 from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import identifiable, ignorance, task_error
-from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.poses.moves import in_order
+from calib.prediction.discrepancy import ModelDiscrepancy, SquaredErrors
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of, fitted_of
-from calib.scatter import Variances
+from calib.scatter import Owner
 from calib.solver import triangle
 from doe.criteria.trace import Task
-from doe.forecast.unseen import PredictionError, at_ends, at_held_out
 from doe.information import Linearisation, TargetErrors
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.function import Selection
 from doe.optimal.search import greedy
 
-_PART = 0.5  # of what the model seems to lack, that must be more than chance
 _SURE = 0.95
 _MANY = 1e6  # degrees of freedom: known
 _FREE = 10.0  # plausible sizes to which what is open counts as known
@@ -41,95 +39,79 @@ class LastingError:
     """The error at the targets that does not average away, RMS, m.
 
     scatter : the arm errs anew at every target; what the data do not tell from the model's error counts
-        here
-    unfollowed : what the model does not follow from pose to pose; discrepancy : what it lacks beside it
-    seen : the error at poses that the fit was without, zero where there are none
-    scatter_of : whose the scatter is: the arm's, unless the data leave that open
-    surely : whether what the model lacks, or half of it, is more than chance
-    at_targets : ndarray, shape (targets,), m, all of it
+        here; scatter_of : whose it is: "undecided" where the data leave that open
+    of_model : what the model lacks; trend : the part of it by which the day's trend goes on
+    at_targets : ndarray, shape (targets,), all of it
     hidden : scatter that the data neither show nor rule out, for which a bound allows beside all that
-    trend : the part of the discrepancy by which the day's trend goes on
-    after : s after the last reading at which the arm comes to the targets; None where nobody says it
+    missed : the error at poses that the fit was without, less the instrument's noise
     """
 
     scatter: float
-    unfollowed: float
-    discrepancy: ModelDiscrepancy
-    seen: PredictionError
-    scatter_of: Literal["arm", "undecided"]
-    surely: bool
+    scatter_of: Owner
+    of_model: float
+    trend: float
     at_targets: Array
     hidden: float = 0.0
-    trend: float = 0.0
-    after: float | None = None
-
-    @property
-    def of_model(self) -> float:
-        """What the model lacks."""
-        return float(np.hypot(self.unfollowed, self.discrepancy.rms))
+    missed: float = 0.0
 
     @property
     def rms(self) -> float:
         """All of it."""
         return float(np.hypot(self.scatter, self.of_model))
 
+    @classmethod
+    def of(cls, at: Linearisation, found: Identification | None) -> Self:
+        """At the targets of a cell; found : of the data so far, None where there is none yet."""
+        targets, weights = targets_of(at.cell)
 
-def lasting_error(
-    cell: Cell, model: Model, values: Array, arm: Variances, found: Identification | None
-) -> LastingError:
-    """What does not average away at the cell's targets.
+        def rms(errors: Array) -> float:
+            return task_error(errors, weights)[0]
 
-    model, values, arm : of the whole day; found : of the data so far, None where there is none yet
-    Where something is lacking, it is as much as poses miss by that the fit was without.
+        if found is None:
+            exact = np.zeros((len(at.values), len(at.values)))
+            none = ModelDiscrepancy(0.0, "")
+            known = Estimate(at.model, at.values, exact, 0.0, none, (), variances=at.arm)
+        else:
+            known = estimate_of(found, at.cell.design.targets_after or 0.0)
+        # What was never measured the poses to come may show.
+        error = ExpectedError(replace(known, unmeasured=()), targets)
+        seen = None if found is None else _missed(found)
+        lacking = 0.0 if seen is None or found is None else seen.discrepancy * found.footprint
+        model = np.maximum(error.model, lacking)
+        lasting = cls(
+            rms(error.arm),
+            "arm" if found is None else known.configuration_of,
+            rms(model),
+            rms(error.trend),
+            np.hypot(error.arm, model),
+        )
+        if found is None:
+            return lasting
+        if seen is not None:
+            lasting = replace(lasting, missed=seen.beyond(seen.noise) * found.footprint)
+        if found.undetected is None:
+            return lasting
+        unseen = replace(known, variances=found.undetected[1].variances, configuration_of="arm")
+        return replace(lasting, hidden=rms(ExpectedError(unseen, targets).arm))
+
+
+def _missed(found: Identification) -> SquaredErrors | None:
+    """The errors at held-out poses, else at the first or the last third as the others predict it.
+
+    What drifts or warms up hides among readings of the same hours; of both ends the worse counts.
     """
-    targets, weights = targets_of(cell)
-    none = ModelDiscrepancy(0.0, "")
-    unknown = np.zeros((len(values), len(values)))
-    at = Estimate(
-        model, values, unknown, 0.0, none, (), variances=arm, configuration_of="instrument"
-    )
-
-    def rms(errors: Array) -> float:
-        return task_error(errors, weights)[0]
-
-    rest, seen, trend = none, PredictionError(), 0.0
-    if found is not None:
-        known = estimate_of(found, cell.design.targets_after or 0.0)
-        at, rest = replace(at, configuration_of=known.configuration_of), known.discrepancy
-        trend = rms(ExpectedError(known, targets).trend)
-        rest = replace(rest, rms=float(np.hypot(rest.rms, trend)))
-        seen = _seen(found)
-    error = ExpectedError(at, targets)  # of the arm, and of the model from pose to pose
-    scatter, lacks = rms(np.hypot(error.arm, error.model)), rms(error.model)
-    sure = float(np.hypot(lacks, rest.rms))
-    if seen.source and (scatter or rest.rms):
-        beyond = float(np.sqrt(max(0.0, seen.lacking**2 - scatter**2)))
-        rest = max(rest, ModelDiscrepancy(beyond, seen.source), key=lambda one: one.rms)
-    part = _PART * float(np.hypot(lacks, rest.rms))
-    lacking = LastingError(
-        rms(error.arm),
-        lacks,
-        rest,
-        seen,
-        "undecided" if at.configuration_of == "undecided" else "arm",
-        seen.discrepancy > 0.0 or (sure > 0.0 and sure >= part),
-        np.sqrt(error.arm**2 + error.model**2 + rest.rms**2),
-        trend=trend,
-        after=None if found is None else cell.design.targets_after,
-    )
-    if found is None:
-        return lacking
-    unseen = None if found.undetected is None else found.undetected[1].variances
-    hidden = rms(ExpectedError(replace(at, variances=unseen, configuration_of="arm"), targets).arm)
-    return replace(lacking, hidden=hidden if lacking.rms else max(hidden, seen.certain))
-
-
-def _seen(found: Identification) -> PredictionError:
-    """The error at poses that the fit was without, m: held-out ones, else the ends of the day."""
-    fit, held = fitted_of(found), found.heldout
-    if held is not None and held.data.seen.any():
-        return at_held_out(fit, held.data).times(found.footprint)
-    return (at_ends(fit) or PredictionError()).times(found.footprint)
+    fit = fitted_of(found)
+    if found.heldout is not None:
+        held = found.heldout.data
+        return fit.squared(held, *fit.predicted(held))
+    order, (_, spread), ends = in_order(fit.data.poses), fit.predicted(fit.data), []
+    for end in (order[: len(order) // 3], order[-(len(order) // 3) :]):
+        member = np.isin(np.arange(len(order)), end)
+        off, rows = fit.left_out(member.astype(int))
+        if rows.determined[-1]:
+            grown = spread[member] * np.sqrt(rows.growth[-1])
+            ends.append(fit.squared(fit.data.take(member), off[member], grown))
+    return max(ends, key=lambda own: own.beyond(own.noise), default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +184,7 @@ class TaskError:
             readings,
             rms,
             worst,
-            most if pose else max(most, self.lacking.seen.rms),
+            most if pose else max(most, self.lacking.missed),
             task_error(np.sqrt(squared), weights)[0],
             np.where(closed, np.sqrt(np.maximum(np.diag(cov), 0.0)) * sizes, np.nan),
             tuple(name for entry in choice.unidentifiable for name in entry.names),

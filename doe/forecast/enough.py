@@ -15,22 +15,22 @@ from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
-from calib.poses import Measurements, Poses
+from calib.poses import Measurements, Poses, poses_at
 from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
+from doe.candidates import candidates_of
+from doe.constraints import constraints_of
 from doe.forecast.accuracy import (
     ForecastStep,
     LastingError,
     TaskError,
-    lasting_error,
     most_useful_first,
 )
 from doe.forecast.coming import Match, match, whole_day
 from doe.information import Linearisation, Rows, nominal
-from doe.plan import stops_paying
 
-_MOST_FRESH = 30
+_MOST_FRESH, _DRAWN = 30, 256  # poses beyond the plan, and those they are the first allowed of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,15 +107,6 @@ class Enough(Result):
         """How many poses beyond the plan the goal needs; None if more than were tried."""
         return next((k for k, step in enumerate(self.fresh, 1) if self.reaches(step)), None)
 
-    @property
-    def pays_until(self) -> int | None:
-        """Poses still to come after which more of them only average noise; None while some is open."""
-        open_in_the_end = set(self.steps[-1].open)
-        settled = [k for k, step in enumerate(self.steps) if set(step.open) <= open_in_the_end]
-        steps = [self.steps[k] for k in settled]
-        at = stops_paying([step.readings for step in steps], [step.task_rms for step in steps])
-        return next((k for k in settled if self.steps[k].readings == at), None)
-
 
 @one_blas_thread
 def enough(
@@ -136,8 +127,8 @@ def enough(
     The order is greedy: each pose is the one that lowers the expected error most beside those before
     it. The noise is what the data show; outliers count nothing. Time, temperature and approach of what
     is to come follow the data and the plan's order, whatever the order here. What the model lacks is
-    taken from held-out poses, else from the first and the last readings, each predicted by the others.
-    Poses beyond the plan tell as much as those before them in the mean.
+    taken from held-out poses, else from each configuration as the others predict it, and from the trend
+    of the day. Poses beyond the plan are drawn as its candidates are.
 
     Raises CalibError where the whole plan would not do.
     """
@@ -148,26 +139,24 @@ def enough(
     except (TooFewPoses, EffectCannotAct) as error:
         found, why = None, str(error)
     readings, pose = whole_day(cell, data, plan, done.left)
-    arm, at = _linearised(cell, readings.poses, found)
-    lacking = lasting_error(cell, at.model, at.values, arm, found)
+    at = _linearised(cell, readings.poses, found)
+    lacking = LastingError.of(at, found)
     read, rows = _rows(at, readings, pose, found)
     task, model = TaskError.at(at, lacking, found), at.model
     steps = tuple(_steps(task, rows, pose, plan.names))
     footprint = model.footprint(at.values, read)
-    sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * arm.scale
+    sigma = believed_sigma(read, at.weights(read), model.readout.channels.lengths) * at.arm.scale
     result = Enough(model, found, why, sigma * footprint, footprint, done, steps, goal, lacking, ())
     settled = goal is None or result.needed is not None or result.beyond_reach
     unplanned = any(e.uses for e in model.effects) or any(i.touches for i in cell.instruments)
     if settled or unplanned:
         return result
-    fresh = _beyond(task, rows, len(np.unique(read.poses.configuration)))
+    fresh = tuple(_beyond(at, task, readings, found))
     return replace(result, fresh=fresh[: replace(result, fresh=fresh).fresh_needed])
 
 
-def _linearised(
-    cell: Cell, poses: Poses, found: Identification | None
-) -> tuple[Variances, Linearisation]:
-    """How the arm scatters, and the model of the whole day to first order, as identified so far.
+def _linearised(cell: Cell, poses: Poses, found: Identification | None) -> Linearisation:
+    """The model of the whole day to first order, as identified so far.
 
     Readings count with scatter that was not detected, as the identification has it.
     """
@@ -176,15 +165,15 @@ def _linearised(
         model = replace(model, prior=found.model.prior, noise_scales=found.model.noise_scales)
     refuse_idle_effects(cell, model, poses)
     values = nominal(model, poses)
-    arm = hidden = Variances.of_arm(model.robot.dof, cell.repeatability)
+    arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     if found is not None:
         known = dict(zip((p.id for p in found.model.parameters), found.values, strict=True))
         pairs = zip(model.parameters, values, strict=True)
         values = np.array([known.get(p.id, v) for p, v in pairs])
         arm = arm if found.levels is None else found.levels.variances
         arm = arm if arm.any else replace(arm, scale=found.noise.divisor)
-        hidden = arm if found.undetected is None else found.undetected[1].variances
-    return arm, Linearisation(cell, model, values, hidden)
+        arm = arm if found.undetected is None else found.undetected[1].variances
+    return Linearisation(cell, model, values, arm)
 
 
 def _rows(
@@ -226,14 +215,14 @@ def _steps(
         yield task.expected(names[to_come[i]], int(done.sum()), rows.take(done).problem)
 
 
-def _beyond(task: TaskError, rows: Rows, poses: int) -> tuple[ForecastStep, ...]:
-    """What is known with more poses, each of which tells as much as the mean one of those before."""
-    each = round(len(rows.J) / poses)
-    return tuple(
-        task.expected(
-            f"fresh{k}",
-            len(rows.J) + k * each,
-            replace(rows, J=rows.J * np.sqrt(1.0 + k / poses)).problem,
-        )
-        for k in range(1, _MOST_FRESH + 1)
-    )
+def _beyond(
+    at: Linearisation, task: TaskError, day: Measurements, found: Identification | None
+) -> Iterator[ForecastStep]:
+    """What is known with each of more poses that are drawn as candidates are."""
+    pool = candidates_of(at.cell, constraints_of(at.cell), None, _DRAWN, 0)
+    names = tuple(f"fresh{k}" for k in range(1, _MOST_FRESH + 1))
+    more, pose = whole_day(at.cell, day, poses_at(pool.q[:_MOST_FRESH], names=names[: len(pool)]))
+    _, rows = _rows(at, more, pose, found)
+    for k in range(min(len(pool), _MOST_FRESH)):
+        done = pose <= k
+        yield task.expected(names[k], int(done.sum()), rows.take(done).problem)

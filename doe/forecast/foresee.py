@@ -1,7 +1,10 @@
 """What a plan can tell of causes that no model has yet, before anything is measured.
 
 The plan is seen as the diagnosis will see it: every cause beside everything modelled, and no residual
-yet. Of each cause the size that is detected, or why none is; of each two whether they are separated.
+yet. Of each cause the size that is detected, or why none is. Of each two, how much of the one the other
+imitates: a cause of noncentrality lambda leaves ``lambda (1 - rho^2)`` beside another that is fitted
+(Atkinson and Fedorov, Biometrika 62(1), 1975), so it is told from it ``1 / sqrt(1 - rho^2)`` times
+larger.
 """
 
 from __future__ import annotations
@@ -22,7 +25,8 @@ from calib.effects.protocol import Effect, ElasticEffect, LoadEffect, Parameter
 from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts
 from calib.identification.fit import choose_directions
-from calib.linear import LinearProblem, orthonormal
+from calib.inference.evidence import VISIBLE, visible_directions
+from calib.linear import orthonormal
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable
@@ -33,10 +37,9 @@ from calib.result import Result
 from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.forecast.coming import readings_of
-from doe.forecast.likeness import Likeness, likeness, plausible
 from doe.information import Linearisation, soft
 
-_AT_ONCE = 1.05  # times the smallest size: a cause that is separated by then never looks alike
+_ALIKE = 2.0  # times the smallest size: causes that are told apart by then do not look alike
 _STILL_M = 1e-10  # largest movement of the markers by what moves nothing
 _SHARE = 0.05  # of a cause's signal, above which a kind of effect takes part in imitating it
 
@@ -64,14 +67,9 @@ class Detectability(Detectable):
         return self.candidate.amounts
 
     @property
-    def sizes(self) -> Array:
-        """Plausible sizes of the parameters, shape (k,), SI."""
-        return np.array([p.size for p in self.parameters])
-
-    @property
     def lead(self) -> int:
         """Position of the parameter whose smallest size is least beside what is plausible."""
-        return int(np.argmin(self.smallest / self.sizes))
+        return int(np.argmin(self.smallest / _sizes(self.candidate)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,29 +79,26 @@ class PowerAnalysis(Result):
     model : Model; values : ndarray, shape (p,), SI, where it is linearised; assumed : bool, whether its
         compliances are taken as usual, for nobody gave them
     data : Measurements, the readings to come, their points predicted
-    known : LinearProblem, of the model and all candidates, with these readings
     waiting : ndarray of bool, shape (m,), readings before the first move, which the diagnosis drops
-    detection : CauseDetection, of the candidates; causes : what can be seen of each
+    causes : what can be seen of each candidate; beside : Beside, their columns
     missing : tuple of NotAsked; asked : int, all that the diagnosis will ask, curves included
     lost : parameters of the model that the plan leaves open
-    alike : Likeness, of the E causes that can be seen, None where there are none
-    times : ndarray, shape (E, E), multiple of a cause's smallest size (row) from which on it is told
-        from another (column); at most one where it always is once it is seen, infinite where never
+    rho : ndarray, shape (E, E), share of the signal of each of the E causes that can be seen (row), of
+        plausible parameters, that another (column) imitates; rho_worst : of the direction imitated best
     """
 
     model: Model
     values: Array
     assumed: bool
     data: Measurements
-    known: LinearProblem
     waiting: Mask
-    detection: CauseDetection
     causes: tuple[Detectability, ...]
+    beside: Beside
     missing: tuple[NotAsked, ...]
     asked: int
     lost: tuple[Unidentifiable, ...]
-    alike: Likeness | None
-    times: Array
+    rho: Array
+    rho_worst: Array
 
     @property
     def seen(self) -> tuple[Detectability, ...]:
@@ -127,17 +122,22 @@ class PowerAnalysis(Result):
         ]
 
     @property
+    def times(self) -> Array:
+        """Multiple of a cause's smallest size (row) that is found beside another (column), (E, E)."""
+        left = np.sqrt(np.maximum(1.0 - self.rho**2, 0.0))
+        return np.where(left > VISIBLE, 1.0 / np.maximum(left, VISIBLE), np.inf)
+
+    @property
     def confounded(self) -> tuple[tuple[int, ...], ...]:
         """Groups of causes, by position, that stand for each other at these poses at any size."""
-        if self.alike is None:
-            return ()
-        groups = {tuple(np.flatnonzero(row).tolist()) for row in self.alike.confounded}
+        never = np.isinf(self.times) | np.eye(len(self.rho), dtype=bool)
+        groups = {tuple(np.flatnonzero(row).tolist()) for row in never & never.T}
         return tuple(sorted(group for group in groups if len(group) > 1))
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Causes of just visible size and what they are taken for, the hardest to separate first."""
-        pairs = [(int(i), int(j)) for i, j in np.argwhere(self.times > _AT_ONCE)]
+        """Causes and what they are taken for, the hardest to separate first."""
+        pairs = [(int(i), int(j)) for i, j in np.argwhere(self.times > _ALIKE) if i != j]
         return sorted(pairs, key=lambda pair: -self.times[pair])
 
 
@@ -150,8 +150,7 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     values : ndarray, shape (p,), SI, where the model is linearised; nominal, and as soft as usual,
         without them
 
-    A size is detected nine times in ten by the score test of the diagnosis, among all that it asks. A
-    cause is told from another where the right one is preferred in 95 of 100 cases.
+    A size is detected nine times in ten by the score test of the diagnosis, among all that it asks.
 
     Raises UnknownEffect, EffectCannotAct, TooFewPoses, CalibError.
     """
@@ -162,24 +161,24 @@ def foresee(cell: Cell, plan: Plan, *, values: Array | None = None) -> PowerAnal
     values = soft(model, data.poses) if values is None else values
     data = replace(data, readings=model.predict(values, data.poses))
     every, missing = candidates(cell, model, data)
-    asked = [c for c in (_to_be_tried(c, data.poses) for c in every) if c.tried]
-    named = tuple(c for c in asked if c.named)
+    tried = [c for c in (_to_be_tried(c, data.poses) for c in every) if c.tried]
+    named = tuple(c for c in tried if c.named)
     full, start = model.extended(values, [c.effect for c in named])
     whole = Linearisation(cell, full, start, Variances.of_arm(model.robot.dof, cell.repeatability))
     waiting = before_the_first_move(data.poses)
-    known = whole.of(data, ~waiting).problem
+    rows = whole.of(data, ~waiting).problem.independent[1]
     W, scatter = whole.weights(data, ~waiting), whole.scatter(data.poses)
     choice = choose_directions(Points(model, data, W, known=scatter), values)
-    detection = CauseDetection.of(full, known.independent[1], choice.kept, named, len(asked))
+    beside = Beside.of(rows, choice.kept, [full.amounts(c.effect) for c in named])
     _, J = full.jacobian(start, data.poses)
     moved = np.sqrt((J[data.seen] ** 2).sum(axis=1).mean(axis=0))
     causes = tuple(
-        _detectability(detection, model, data.poses, i, moved[full.amounts(c.effect)])
+        _detectability(beside, model, data.poses, i, c, moved[full.amounts(c.effect)], len(tried))
         for i, c in enumerate(named)
     )
     return PowerAnalysis(
-        model, values, assumed, data, known, waiting, detection, causes, tuple(missing),
-        len(asked), choice.unidentifiable, *detection.separated(),
+        model, values, assumed, data, waiting, causes, beside, tuple(missing), len(tried),
+        choice.unidentifiable, *beside.imitated(causes),
     )  # fmt: skip
 
 
@@ -194,88 +193,80 @@ def _to_be_tried(candidate: Candidate, poses: Poses) -> Candidate:
     return replace(candidate, effect=usual, tried=tried)
 
 
-@dataclass(frozen=True, eq=False)
-class CauseDetection:
-    """The question which causes are detected beside all that is modelled, from which size on.
+def _sizes(candidate: Candidate) -> Array:
+    """Plausible sizes of its parameters, shape (k,), SI."""
+    return np.array([p.size for p in candidate.amounts])
 
-    causes : tuple of Candidate; columns : tuple of ndarray of int, of each in ``X``
-    X, left : ndarray, shape (N, K), columns of all causes, and what is left of them beside the model
-    modelled : ndarray, shape (N, p), columns of the model that are fitted; kinds : effect of each
-    rows : int, that count; limits : tuple of Detectable, of each cause
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Columns of all causes beside all that is modelled, in independent rows N.
+
+    columns : tuple of ndarray of int, of each cause in ``X``
+    X, left : ndarray, shape (N, K), all of them, and what is left of them beside the model
+    modelled : ndarray, shape (N, p), columns of the model that are fitted; kept : ndarray, which
     """
 
-    causes: tuple[Candidate, ...]
     columns: tuple[IntArray, ...]
     X: Array
     left: Array
     modelled: Array
-    kinds: tuple[str, ...]
-    rows: int
-    limits: tuple[Detectable, ...]
+    kept: IntArray
 
     @classmethod
-    def of(
-        cls, model: Model, rows: Array, kept: IntArray, causes: Sequence[Candidate], asked: int
-    ) -> CauseDetection:
-        """From independent rows (N, p) of all parameters.
+    def of(cls, rows: Array, kept: IntArray, at: Sequence[IntArray]) -> Beside:
+        """From independent rows (N, p) of all parameters; kept, at : of the model, of each cause."""
+        ends = np.cumsum([0, *map(len, at)])
+        columns = tuple(np.arange(a, b) for a, b in pairwise(ends))
+        X, modelled = rows[:, np.concatenate([kept[:0], *at])], rows[:, kept]
+        Q = orthonormal(modelled)
+        return cls(columns, X, X - Q @ (Q.T @ X), modelled, kept)
 
-        kept : ndarray of int, of what is modelled; asked : int, all causes that will be
-        """
-        at = [model.amounts(c.effect) for c in causes]
-        columns = _parts([len(own) for own in at])
-        X, N = rows[:, np.concatenate([kept[:0], *at])], rows[:, kept]
-        Q = orthonormal(N)
-        left = X - Q @ (Q.T @ X)
-        lengths, count = np.linalg.norm(X, axis=0), int(np.count_nonzero(rows.any(axis=1)))
-        limits = tuple(
-            detectable(left[:, at].T @ left[:, at], lengths[at], asked * cause.choices, ALPHA)
-            for at, cause in zip(columns, causes, strict=True)
-        )
-        kinds = tuple(model.parameters[i].effect for i in kept)
-        return cls(tuple(causes), columns, X, left, N, kinds, count, limits)
+    def imitated(self, causes: Sequence[Detectability]) -> tuple[Array, Array]:
+        """``rho`` and ``rho_worst`` of the causes that can be seen, shape (E, E)."""
+        bases, signals = list[Array](), list[Array]()
+        for own, cause in zip(self.columns, causes, strict=True):
+            if not cause.reason:
+                X = self.left[:, own]
+                U, seen = visible_directions(X.T @ X, np.linalg.norm(self.X[:, own], axis=0))
+                bases.append(X @ U[:, seen])
+                signals.append(bases[-1].T @ X * _sizes(cause.candidate))
+        rho, worst = np.zeros((2, len(bases), len(bases)))
+        for i, (U, signal) in enumerate(zip(bases, signals, strict=True)):
+            crossed = [V.T @ U for V in bases]
+            rho[i] = [np.linalg.norm(C @ signal) / np.linalg.norm(signal) for C in crossed]
+            worst[i] = [np.linalg.norm(C, 2) for C in crossed]
+        return np.minimum(rho, 1.0), np.minimum(worst, 1.0)
 
-    def separated(self) -> tuple[Likeness | None, Array]:
-        """How alike those that can be seen are, and ``times`` of them, shape (E, E)."""
-        seen = [i for i, limit in enumerate(self.limits) if limit.directions]
-        if not seen:
-            return None, np.zeros((0, 0))
-        at = np.concatenate([self.columns[i] for i in seen])
-        X, columns = self.left[:, at], _parts([len(self.columns[i]) for i in seen])
-        signals = [plausible(np.array([p.size for p in self.causes[i].amounts])) for i in seen]
-        alike = likeness(X.T @ X, np.linalg.norm(self.X[:, at], axis=0), columns, signals)
-        needed = np.array([self.limits[i].needed for i in seen])
-        times: Array = np.sqrt(alike.needed(self.rows) / needed[:, None])
-        np.fill_diagonal(times, 0.0)
-        return alike, times
-
-    def imitators(self, position: int, sizes: Array) -> list[str]:
+    def imitators(self, model: Model, position: int, sizes: Array) -> list[str]:
         """Kinds of modelled effect that together move the markers as a cause of these sizes does."""
         signal = self.X[:, self.columns[position]] * sizes
         scale = np.maximum(np.linalg.norm(self.modelled, axis=0), 1e-300)
         share = np.linalg.lstsq(self.modelled / scale, signal, rcond=None)[0] / scale[:, None]
-        parts = {
-            kind: np.linalg.norm(self.modelled[:, own] @ share[own])
-            for kind in dict.fromkeys(self.kinds)
-            if (own := [k == kind for k in self.kinds])
-        }
-        return [kind for kind, part in parts.items() if part > _SHARE * np.linalg.norm(signal)]
-
-
-def _parts(lengths: Sequence[int]) -> tuple[IntArray, ...]:
-    """Positions of parts of these lengths, one after another."""
-    return tuple(np.arange(a, b) for a, b in pairwise(np.cumsum([0, *lengths])))
+        kinds = np.array([model.parameters[i].effect for i in self.kept])
+        least = _SHARE * np.linalg.norm(signal)
+        return [
+            kind
+            for kind in dict.fromkeys(kinds.tolist())
+            if np.linalg.norm(self.modelled[:, kinds == kind] @ share[kinds == kind]) > least
+        ]
 
 
 def _detectability(
-    detection: CauseDetection, model: Model, poses: Poses, position: int, moved: Array
-) -> Detectability:
-    """What can be seen of one candidate; moved : ndarray, shape (k,), m per SI unit, of the markers."""
-    candidate, limit = detection.causes[position], detection.limits[position]
-    sizes, reason = np.array([p.size for p in candidate.amounts]), ""
+    beside: Beside, model: Model, poses: Poses, position: int, candidate: Candidate, moved: Array,
+    asked: int,
+) -> Detectability:  # fmt: skip
+    """What can be seen of one candidate of so many that are asked.
+
+    moved : ndarray, shape (k,), m per SI unit, of the markers
+    """
+    own, sizes, reason = beside.columns[position], _sizes(candidate), ""
+    X, lengths = beside.left[:, own], np.linalg.norm(beside.X[:, own], axis=0)
+    limit = detectable(X.T @ X, lengths, asked * candidate.choices, ALPHA)
     if not limit.directions and (moved * sizes).max() < _STILL_M:
         reason = _why_still(candidate.effect, model, poses)
     elif not limit.directions:
-        kinds = detection.imitators(position, sizes)
+        kinds = beside.imitators(model, position, sizes)
         together = f"{', '.join(kinds[:-1])} and {kinds[-1]} together move" if kinds[1:] else ""
         reason = f"{together or f'{kinds[0]} moves'} the markers in the same way"
     finite = np.isfinite(limit.smallest)

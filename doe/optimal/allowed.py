@@ -115,11 +115,6 @@ class Allowed:
         tops = zip(self._tops(scores), self.counts, strict=True)
         return np.array([scores[t].min() if len(t) and len(t) >= k else np.inf for t, k in tops])
 
-    def forced(self, scores: Array) -> Array:
-        """Upper bound on the sum of scores of a plan that contains each candidate, shape (n,)."""
-        below = np.maximum(self.thresholds(scores)[self.group] - scores, 0.0)
-        return np.asarray(self.best(scores)[0] - below)
-
 
 def _largest(members: IntArray, scores: Array, count: int) -> IntArray:
     """So many of some candidates with the largest scores, all where there are fewer."""

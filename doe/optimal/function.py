@@ -63,13 +63,18 @@ class InformationFunction(ABC):
         """
         return trace_decrease(cov, self.gradient(np.asarray(np.linalg.inv(cov))), rows)
 
-    @abstractmethod
+    @property
+    def conical(self) -> bool:
+        """Whether there is a :meth:`conic` form; without it, and not ``smooth``, bounds are loose."""
+        return type(self).conic is not InformationFunction.conic
+
     def conic(self, M: Any, at: Array) -> Conic:
         """The criterion in cvxpy.
 
         M : symmetric expression of shape (p, p)
         at : ndarray, shape (R, p, p), where it has been, the last one now
         """
+        raise NotImplementedError(f"criterion {self.name} has no cone form")
 
     def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
         """A convex cost of the same optimum over weights of columns, where ``smooth`` says so.
@@ -104,12 +109,5 @@ class Selection:
 
     def bound(self, G: Array) -> float:
         """No plan has a larger criterion than this, G, shape (p, p), being a supergradient."""
-        return self._of_fixed(G) + self.allowed.best(self.blocks.scores(G))[0]
-
-    def survivors(self, G: Array, value: float) -> IntArray:
-        """Candidates that a plan better than ``value`` may contain (reduced-cost fixing)."""
-        forced = self.allowed.forced(self.blocks.scores(G))
-        return np.flatnonzero(self._of_fixed(G) + forced > value)
-
-    def _of_fixed(self, G: Array) -> float:
-        return float((G * self.blocks.fixed).sum())
+        fixed = float((G * self.blocks.fixed).sum())
+        return fixed + self.allowed.best(self.blocks.scores(G))[0]

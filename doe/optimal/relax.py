@@ -29,6 +29,11 @@ _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywher
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
+_RANDOM, _STEPS = (
+    20,
+    150,
+)  # plans by chance that the method without cones begins with, and its steps
+_LENGTHS = np.geomspace(0.5, 1e-3, 12)
 _MOST_STEPS, _CENTRING, _TO_BOUNDARY = 80, 0.15, 0.98  # of the interior point method
 
 
@@ -69,6 +74,8 @@ def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
     It stops at a gap of :data:`GAP`, or at a larger one where the solver cannot reach it.
     """
     criterion, allowed = posed.criterion, posed.allowed
+    if not (criterion.smooth or criterion.conical):
+        return _stepped(posed)
     active, M = _warm_start(posed, _WARM_ROUNDS if start is None else 1)
     active = active if start is None else np.union1d(active, start)
     met, precision, best, G_best, stalled = [M], _DIGITS, np.inf, np.zeros_like(M), 0
@@ -95,6 +102,32 @@ def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
             near = scores[active] >= _NEAR * allowed.thresholds(scores)[allowed.group[active]]
             active = np.union1d(active[near | (weights > _IDLE)], entering)
     return Relaxation(active, weights, M, G_best, value, best, rounds)
+
+
+def _stepped(posed: Selection) -> Relaxation:
+    """Weights by steps towards the best whole plan of the gradient (Frank and Wolfe, 1956).
+
+    For criteria without a cone form: it takes seconds, and proves less.
+    """
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
+    w, best, G_best = np.zeros(len(posed)), np.inf, np.eye(0)
+    rng = np.random.default_rng(0)
+    for _ in range(_RANDOM):
+        np.add.at(w, allowed.best(rng.random(len(posed)))[1], 1.0 / _RANDOM)
+    M = blocks.total(np.flatnonzero(w), w[w > 0.0])
+    for _ in range(_STEPS):
+        G = criterion.gradient(M)
+        total, chosen = allowed.best(blocks.scores(G))
+        bound = float((G * blocks.fixed).sum()) + total
+        if bound < best:
+            best, G_best = bound, G
+        trials = M + _LENGTHS[:, None, None] * (blocks.total(chosen) - M)
+        longest = int(criterion.value(trials).argmax())
+        w *= 1.0 - _LENGTHS[longest]
+        np.add.at(w, chosen, _LENGTHS[longest])
+        M = trials[longest]
+    index = np.flatnonzero(w)
+    return Relaxation(index, w[index], M, G_best, float(criterion.value(M)), best, _STEPS)
 
 
 def bounded(posed: Selection, relaxed: Relaxation) -> Relaxation:

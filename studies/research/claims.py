@@ -42,8 +42,8 @@ from calib.cell.targets import targets_of
 from calib.change import FALSE_ALARM, changes, known_of, verdict
 from calib.prediction.budget import accuracy_at_targets
 from calib.prediction.estimate import estimate_of
-from doe.assess import assess
 from doe.forecast.enough import enough
+from doe.plan import assess
 from doe.problem import problem_of
 from doe.request import Request
 from studies.render import markdown

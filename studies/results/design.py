@@ -51,31 +51,6 @@ class PlanAccuracy(Entry):
     observability: dict[str, Maybe]
 
 
-class LossOfPose(Entry):
-    """Without the pose that is worst to lose."""
-
-    worst: str | None
-    task_rms_mm: Maybe
-
-
-class Survives(Entry):
-    """The accuracy after a loss; loss_of_marker : task RMS without each, mm."""
-
-    loss_of_pose: LossOfPose
-    loss_of_marker: dict[str, Maybe]
-
-    @classmethod
-    def of(cls, found: Design) -> Self:
-        """The losses of a design."""
-        judged, without = found.assessment, found.assessment.without_pose
-        worst = found.poses.names[int(without.argmax())] if len(without) else None
-        rms = float(without.max(initial=0.0)) * MM
-        return cls(
-            loss_of_pose=LossOfPose(worst=worst, task_rms_mm=rms),
-            loss_of_marker={name: rms * MM for name, rms in judged.without_marker.items()},
-        )
-
-
 class CandidateCounts(Entry):
     """From how many poses the plan was chosen, and what removed the others."""
 
@@ -143,7 +118,6 @@ class DesignResult(Result, PlanAccuracy):
     predicted_std: tuple[ParameterStd, ...]
     expected: ExpectedErrors
     targets: str
-    survives: Survives
     candidates: CandidateCounts
     joint_travel_deg: NotNegative
     joint_travel_mm: NotNegative
@@ -155,7 +129,6 @@ class DesignResult(Result, PlanAccuracy):
     granted: tuple[str, ...]
     seconds: NotNegative
     pays_until: Count | None
-    matches: dict[str, Count | None]
     unchecked: str
     day: DayTimes | None
 
@@ -188,7 +161,6 @@ class DesignResult(Result, PlanAccuracy):
             predicted_std=ParameterStd.known(problem.model.parameters, judged.std),
             expected=ExpectedErrors.of_plan(found, cell),
             targets=cell.targets_in_words,
-            survives=Survives.of(found),
             candidates=CandidateCounts.from_object(found.candidates),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
@@ -203,9 +175,8 @@ class DesignResult(Result, PlanAccuracy):
             curve=tuple(map(CurveStep.from_object, found.curve)),
             notes=found.notes,
             granted=found.granted,
-            seconds=sum(found.seconds.values()),
+            seconds=found.seconds,
             pays_until=stops_paying(counts, errors),
-            matches=found.matches if found.curve else {},
             unchecked=unchecked(cell),
             day=DayTimes.from_object(found.day, speed_percent=found.day.cell.pace.speed * 100.0),
         )

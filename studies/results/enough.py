@@ -38,53 +38,36 @@ class NoiseSoFar(Entry):
     pixel_mm: MaybePositive
 
 
-class SeenElsewhere(Entry):
-    """The error at poses that the fit was without, less the instrument's noise, 3-D RMS.
-
-    heldout_mm : with the noise, None where no poses were held out
-    """
-
-    rms_mm: NotNegative
-    source: str
-    heldout_mm: Maybe
-
-
 class LastingError(Entry):
     """The error at the targets that no more poses lower.
 
     scatter_mm : of ``scatter_of``, the arm, or undecided: the arm or what the model lacks
-    unexplained_mm : what the model lacks; unexplained_surely : whether that is more than chance
+    unexplained_mm : what the model lacks
     trend_mm : the part of it by which the trend of the day goes on until the targets' time
+    heldout_mm : RMS at held-out poses, None where there are none
+    missed_mm : there, else at the ends of the day as the others predict them, less the noise
     """
 
     rms_mm: NotNegative
     scatter_mm: NotNegative
     scatter_of: Literal["arm", "undecided"]
     unexplained_mm: NotNegative
-    unexplained_from: str
-    unexplained_surely: bool
     trend_mm: NotNegative
     targets_after_h: NotNegative | None
-    seen: SeenElsewhere | None
+    heldout_mm: Maybe
+    missed_mm: NotNegative
 
     @classmethod
-    def of(cls, answer: Enough) -> Self:
+    def of(cls, answer: Enough, cell: Cell) -> Self:
         """What an answer states of it."""
-        own, found, seen = answer.lacking, answer.found, None
-        if found is not None and own.seen.source:
-            read = found.rms("heldout")
-            seen = SeenElsewhere(
-                rms_mm=own.seen.rms * MM,
-                source=own.seen.source,
-                heldout_mm=None if read is None else read * MM,
-            )
+        own, found, after = answer.lacking, answer.found, cell.design.targets_after
+        read = None if found is None or found.heldout is None else found.rms("heldout")
         return cls.from_object(
             own,
+            scatter_of="undecided" if own.scatter_of == "undecided" else "arm",
             unexplained_mm=own.of_model * MM,
-            unexplained_from=own.discrepancy.source,
-            unexplained_surely=own.surely,
-            targets_after_h=None if own.after is None else own.after / _HOUR,
-            seen=seen,
+            targets_after_h=None if found is None or after is None else after / _HOUR,
+            heldout_mm=None if read is None else read * MM,
         )
 
 
@@ -146,7 +129,6 @@ class EnoughResult(Result):
     poses_to_goal: Count | None
     fresh_poses_to_goal: Count | None
     fresh: tuple[ExpectedStep, ...]
-    pays_until: Count | None
 
     @classmethod
     def of(
@@ -178,7 +160,7 @@ class EnoughResult(Result):
             expected=None
             if found is None
             else ExpectedErrors.at_targets(cell, estimate_of(found, after)),
-            lacking=LastingError.of(answer),
+            lacking=LastingError.of(answer, cell),
             plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
             now=KnownState.at(model, answer.steps[0]),
             order=tuple(ExpectedStep.from_object(s, unidentifiable=s.open) for s in coming),

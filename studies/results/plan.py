@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-import numpy as np
 from pydantic import Field
 
 from studies.results.base import (
@@ -73,14 +72,14 @@ class SeenCause(DetectionLimit):
 class LookAlike(Cause):
     """A cause and what it is taken for at its smallest size.
 
-    rho : correlation over plausible parameters, and in the worst direction
-    told_apart_from : the size from which on both are separated, and as a multiple; None where none is
+    rho : share of the signal of plausible parameters that is imitated, and of the worst direction
+    told_apart_from : the size from which on it is found beside the other, and as a multiple; None where
+        none is
     """
 
     like: Cause
     rho: Number
     rho_worst: Maybe
-    probability_at_minimum: Number
     told_apart_times: Positive | None
     told_apart_from: Maybe
     parameter: str
@@ -89,10 +88,6 @@ class LookAlike(Cause):
     @classmethod
     def each(cls, found: PowerAnalysis) -> Iterator[Self]:
         """Every pair that is hard to separate, the hardest first."""
-        if found.alike is None:
-            return
-        needed = np.array([cause.needed for cause in found.seen])
-        chance = found.alike.preferred(needed, found.detection.rows)
         for i, j in found.pairs:
             cause, other, times = found.seen[i], found.seen[j].candidate, float(found.times[i, j])
             main = cause.parameters[cause.lead]
@@ -100,9 +95,8 @@ class LookAlike(Cause):
                 effect=cause.candidate.effect.kind,
                 where=cause.candidate.where,
                 like=Cause(effect=other.effect.kind, where=other.where),
-                rho=found.alike.rho[i, j],
-                rho_worst=found.alike.rho_worst[i, j],
-                probability_at_minimum=chance[i, j],
+                rho=found.rho[i, j],
+                rho_worst=found.rho_worst[i, j],
                 told_apart_times=times if times < float("inf") else None,
                 told_apart_from=times * cause.smallest[cause.lead] / main.scale,
                 parameter=main.name,
@@ -134,7 +128,6 @@ class PlanResult(Result):
     asked: Count
     alpha: Number
     power: Probability
-    sure: Probability
     approach_derived: bool
     elastic_assumed: bool
     unidentifiable: tuple[Unidentifiable, ...]
@@ -148,7 +141,6 @@ class PlanResult(Result):
         """A power analysis in a cell."""
         from calib.diagnosis.detection_limit import ALPHA, POWER
         from calib.effects.protocol import LoadEffect
-        from doe.forecast.likeness import SURE
 
         poses, seen = found.data.poses, [cause.candidate for cause in found.seen]
         through = any(isinstance(cause.effect, LoadEffect) for cause in seen)
@@ -163,7 +155,6 @@ class PlanResult(Result):
             asked=found.asked,
             alpha=ALPHA,
             power=POWER,
-            sure=SURE,
             approach_derived=poses.approach_derived,
             elastic_assumed=found.assumed and through,
             unidentifiable=tuple(map(Unidentifiable.from_object, found.lost)),

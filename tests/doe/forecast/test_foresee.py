@@ -9,15 +9,13 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.arrays import Array
-from calib.inference.evidence import score_test, visible_directions
+from calib.inference.evidence import score_test
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from doe.forecast.accuracy import most_useful_first
 from doe.forecast.foresee import PowerAnalysis, foresee
-from doe.forecast.likeness import SURE, likeness, plausible
 from doe.information import TargetErrors
 from tests.helpers import all_seen, cell_of, random_robot, with_effects
 
@@ -55,7 +53,7 @@ def keys(found: PowerAnalysis, positions: tuple[int, ...]) -> set[str]:
 
 
 def columns(found: PowerAnalysis, key: str) -> np.ndarray:
-    return found.detection.columns[[c.key for c in found.detection.causes].index(key)]
+    return found.beside.columns[[c.key for c in found.causes].index(key)]
 
 
 @pytest.mark.long
@@ -64,7 +62,7 @@ def test_a_smallest_size_is_found_nine_times_in_ten(found: PowerAnalysis) -> Non
     for key in ("backlash:A5", "transmission_harmonic:A2", "base_drift:base", "payload:payload"):
         cause = next(s for s in found.seen if s.key == key)
         own = columns(found, key)
-        X, lengths = found.detection.left[:, own], np.linalg.norm(found.detection.X[:, own], axis=0)
+        X, lengths = found.beside.left[:, own], np.linalg.norm(found.beside.X[:, own], axis=0)
         signal = X[:, cause.lead] * cause.smallest[cause.lead]
         draws = signal + rng.normal(size=(400, len(signal)))
         falls = np.array([float(score_test(X.T @ X, X.T @ r, lengths)[0]) for r in draws])
@@ -173,111 +171,28 @@ def test_markers_out_of_sight_tell_nothing(cell: Cell, found: PowerAnalysis) -> 
     seen = found.data.seen.copy()
     seen[:, 1] = False
     part = foresee(cell, replace(found.data, seen=seen))
-    assert part.detection.rows == 2 * found.detection.rows // 3
+    rows = [np.count_nonzero(own.beside.X.any(axis=1)) for own in (part, found)]
+    assert rows[0] == 2 * rows[1] // 3
     whole = {s.key: s.smallest[s.lead] for s in found.seen}
     for cause in part.seen:
         assert cause.smallest[cause.lead] > 0.98 * whole[cause.key]
 
 
-ROWS = 400
-
-
-RNG = np.random.default_rng(3)
-
-
-N = RNG.normal(size=(ROWS, 6))
-
-
-FIRST = RNG.normal(size=ROWS)
-
-
-X = np.column_stack(
-    [
-        FIRST,  # 0
-        0.95 * FIRST + 0.3 * RNG.normal(size=ROWS),  # 1: much like it
-        -3.0 * FIRST + N @ RNG.normal(size=6),  # 2: its twin, once N is projected out
-        *RNG.normal(size=(2, ROWS)),  # 3, 4
-    ]
-)
-
-
-CAUSES = [np.array([0]), np.array([1]), np.array([2]), np.array([0, 3, 4]), np.array([1, 4])]
-
-
-DRAWS = [plausible(np.ones(len(own))) for own in CAUSES]
-
-
-def gram(X_of: Array) -> Array:
-    """Products of X_of with N projected out, by plain least squares."""
-    left = X_of - N @ np.linalg.lstsq(N, X_of, rcond=None)[0]
-    return np.asarray(left.T @ left)
-
-
-ALIKE = likeness(gram(X), np.linalg.norm(X, axis=0), CAUSES, DRAWS)
-
-
-def directions(left: Array, X_of: Array) -> Array:
-    T, seen = visible_directions(left.T @ left, np.linalg.norm(X_of, axis=0))
-    return np.asarray(left @ T[:, seen])
-
-
-def simulated(e: int, f: int, noncentrality: float, trials: int = 4000) -> float:
-    """Share of trials in which cause e, which is there, has the better score less its price."""
-    rng = np.random.default_rng(e + 10 * f)
-    left = X - N @ np.linalg.lstsq(N, X, rcond=None)[0]
-    own, other = (directions(left[:, c], X[:, c]) for c in (CAUSES[e], CAUSES[f]))
-    signal = left[:, CAUSES[e]] @ rng.normal(size=(len(CAUSES[e]), trials))
-    signal *= np.sqrt(noncentrality) / np.linalg.norm(signal, axis=0)
-    r = signal + rng.normal(size=signal.shape)
-
-    def gain(U: Array) -> Array:
-        return np.asarray(((U.T @ r) ** 2).sum(axis=0) - U.shape[1] * np.log(ROWS))
-
-    return float(np.mean(gain(own) > gain(other)))
-
-
-@pytest.mark.parametrize(("e", "f"), [(0, 1), (1, 0), (3, 4), (4, 3), (3, 1), (0, 3)])
-@pytest.mark.parametrize("noncentrality", [30.0, 80.0])
-def test_preference_is_that_of_simulated_choices(e: int, f: int, noncentrality: float) -> None:
-    expected = ALIKE.preferred(np.full(len(CAUSES), noncentrality), ROWS)[e, f]
-    assert simulated(e, f, noncentrality) == pytest.approx(expected, abs=0.03)
-
-
-def test_what_is_left_is_that_of_least_squares() -> None:
-    for e, f in ((0, 1), (1, 3), (0, 4)):
-        signal = X[:, CAUSES[e]].sum(axis=1)
-        both = np.column_stack([N, X[:, CAUSES[f]]])
-        beside = signal - both @ np.linalg.lstsq(both, signal, rcond=None)[0]
-        alone = signal - N @ np.linalg.lstsq(N, signal, rcond=None)[0]
-        left = (beside @ beside) / (alone @ alone)
-        (alone_left,) = likeness(
-            gram(X), np.linalg.norm(X, axis=0), CAUSES, [np.ones((len(own), 1)) for own in CAUSES]
-        ).left[e, f]
-        assert alone_left == pytest.approx(left, rel=1e-9)
-        if len(CAUSES[e]) == 1:
-            np.testing.assert_allclose(ALIKE.left[e, f], left, rtol=1e-9)
-
-
-def test_the_needed_size_is_told_apart_and_no_less() -> None:
-    needed = ALIKE.needed(ROWS)
-    for e, f in ((0, 1), (3, 4), (3, 1)):
-        chance = ALIKE.preferred(np.where(np.isfinite(needed), needed, 1.0), ROWS)[e, f]
-        assert chance == pytest.approx(SURE, abs=1e-6)
-        assert simulated(e, f, float(needed[e, f])) == pytest.approx(SURE, abs=0.02)
-
-
-def test_confounded_causes_are_never_told_apart() -> None:
-    assert [tuple(np.flatnonzero(row)) for row in ALIKE.confounded[[0, 2]]] == [(0, 2), (0, 2)]
-    assert not ALIKE.confounded[0, 1]
-    needed = ALIKE.needed(ROWS)
-    assert needed[0, 2] == needed[2, 0] == np.inf
-    assert ALIKE.preferred(np.full(len(CAUSES), 1e4), ROWS)[0, 2] == pytest.approx(0.5)
-
-
-def test_a_part_of_a_rival_is_told_from_it_by_its_price() -> None:
-    """Cause 0 is one direction of cause 3: it costs less for the same, at any size."""
-    assert ALIKE.needed(ROWS)[0, 3] == 0.0
-    assert 0.0 < ALIKE.needed(ROWS)[3, 0] < np.inf
+def test_what_a_cause_leaves_beside_another_is_that_of_least_squares(found: PowerAnalysis) -> None:
+    """Of causes of one parameter the part that is imitated, by plain least squares on both."""
+    single = [i for i, cause in enumerate(found.seen) if len(cause.parameters) == 1][:4]
+    N = found.beside.modelled / np.linalg.norm(found.beside.modelled, axis=0)
+    for i in single:
+        x = found.beside.X[:, columns(found, found.seen[i].key)][:, 0]
+        alone = x - N @ np.linalg.lstsq(N, x, rcond=None)[0]
+        for j in single:
+            both = np.column_stack([N, found.beside.X[:, columns(found, found.seen[j].key)]])
+            both = both / np.linalg.norm(both, axis=0)
+            beside = x - both @ np.linalg.lstsq(both, x, rcond=None)[0]
+            left = float((beside @ beside) / (alone @ alone))
+            assert 1.0 - found.rho[i, j] ** 2 == pytest.approx(left, abs=1e-6)
+            if i != j:
+                assert found.times[i, j] == pytest.approx(left**-0.5, rel=1e-3)
 
 
 def test_the_most_useful_pose_is_that_of_all_rows_at_once() -> None:

@@ -11,7 +11,6 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.motion.contest import (
-    ALPHA,
     LEAST,
     Contest,
     Evidence,
@@ -29,6 +28,7 @@ Standing = Literal["established", "likely", "one_of"]
 _OF_LINK = ("mass", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 _SURE = 0.9
+_REFUSED = 0.01  # of a rival, one of ten that are asked in the place of each term
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _rivals(question: Question, state: Contest, kind: str, j: int) -> list[tuple
             :1
         ]:
             worse = state.evidence(squares, now)
-            if worse.gain < LEAST or worse.p > ALPHA:
+            if worse.gain < LEAST or worse.p > _REFUSED:
                 found.append((name, float(np.clip(2.0 * worse.p, 0.05, 1.0))))
     return found
 

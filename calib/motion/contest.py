@@ -186,7 +186,12 @@ def contest(products: Products, model: MotionModel, question: Question) -> Conte
     for _ in range(_ROUNDS):
         before = state.model
         for rung in question.rungs:
-            state = _risen(state, question, rung)
+            risen = _risen(state, question, rung)
+            if "pre_sliding" in rung and risen.model != state.model:
+                late = _late(state, question)
+                # One clock in the place of friction at many joints, where it says as much.
+                risen = _risen(late, question, rung) if _as_good(late, risen) else risen
+            state = risen
         state = _reduced(state, question)
         if state.model == before:
             break
@@ -211,6 +216,19 @@ def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
                 model = given(model, j, term)
     model = _tuned(state, model, rung)
     return state if model == state.model else Contest.of(state.products, model)
+
+
+def _late(state: Contest, question: Question) -> Contest:
+    """The state with all torques late."""
+    model = state.model
+    for j in range(len(model.terms)):
+        if question.may(DELAY, j):
+            model = given(model, j, _variants(state, j, DELAY)[0])
+    return Contest.of(state.products, model, state.weights)
+
+
+def _as_good(late: Contest, risen: Contest) -> bool:
+    return float((late.squares @ risen.weights).sum()) <= float(risen.pooled.sum())
 
 
 def _variants(state: Contest, joint: int, kind: str) -> list[Term]:
@@ -303,7 +321,9 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
 def _without(state: Contest, kind: str, j: int) -> Array:
     """Squared error (r,) of a joint without a kind; links that may stand for it are found anew."""
     model = taken(state.model, j, kind)
-    if kind in _OF_LINKS and state.model.inertials != "none":
+    # The rotor of a joint on the base turns as its link does.
+    of_links = kind in _OF_LINKS or (kind == "armature" and state.products.robot.parents[j] == 0)
+    if of_links and state.model.inertials != "none":
         return np.asarray(Contest.of(state.products, model, state.weights).squares[:, j])
     return state.of_joint(j, model)
 

@@ -321,9 +321,7 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
 def _without(state: Contest, kind: str, j: int) -> Array:
     """Squared error (r,) of a joint without a kind; links that may stand for it are found anew."""
     model = taken(state.model, j, kind)
-    # The rotor of a joint on the base turns as its link does.
-    of_links = kind in _OF_LINKS or (kind == "armature" and state.products.robot.parents[j] == 0)
-    if of_links and state.model.inertials != "none":
+    if kind in _OF_LINKS and state.model.inertials != "none":
         return np.asarray(Contest.of(state.products, model, state.weights).squares[:, j])
     return state.of_joint(j, model)
 

@@ -187,7 +187,7 @@ def contest(products: Products, model: MotionModel, question: Question) -> Conte
         before = state.model
         for rung in question.rungs:
             risen = _risen(state, question, rung)
-            if "pre_sliding" in rung and risen.model != state.model:
+            if "pre_sliding" in rung and _first(state, risen, "pre_sliding"):
                 late = _late(state, question)
                 # One clock in the place of friction at many joints, where it says as much.
                 risen = _risen(late, question, rung) if _as_good(late, risen) else risen
@@ -216,6 +216,13 @@ def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
                 model = given(model, j, term)
     model = _tuned(state, model, rung)
     return state if model == state.model else Contest.of(state.products, model)
+
+
+def _first(state: Contest, risen: Contest, kind: str) -> bool:
+    """Whether a kind is in the second model and was at no joint of the first."""
+    joints = range(len(state.model.terms))
+    before, after = (any(holds(own.model, j, kind) for j in joints) for own in (state, risen))
+    return after and not before
 
 
 def _late(state: Contest, question: Question) -> Contest:

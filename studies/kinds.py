@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 _CLASSES = {
     "init": "written.InitResult",
     "design": "design.DesignResult",
+    "design_motions": "design_motions.MotionDesignResult",
     "plan": "plan.PlanResult",
     "program": "written.ProgramResult",
     "import": "written.ImportResult",
@@ -34,6 +35,7 @@ _STATED = {
     "MotionDiagnosis": "motion",
     "Compensation": "compensate",
     "Design": "design",
+    "MotionDesign": "design_motions",
     "Enough": "enough",
     "PowerAnalysis": "plan",
 }

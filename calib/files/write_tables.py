@@ -128,6 +128,21 @@ def plan_csv(cell: Cell, poses: Poses, level: Array | None = None) -> str:
     return columns_text(columns | _session(cell, poses))
 
 
+def commanded_csv(cell: Cell, runs: Sequence[tuple[str, Array, Array, float]]) -> str:
+    """The text of motions to be run: session, time, joints, and the mass that is carried.
+
+    runs : of each its session, time (m,) in s, joint values (m, n) and payload in kg
+    """
+    columns: dict[str, list[str]] = {}
+    for session, time, q, payload in runs:
+        own = {"session": [session] * len(time), "time_s": _numbers(time)}
+        own |= _joint_texts(cell.robot, q)
+        own["payload_kg"] = [f"{payload:.9g}"] * len(time)
+        for name, texts in own.items():
+            columns.setdefault(name, []).extend(texts)
+    return columns_text(columns)
+
+
 def nominal_table(cell: Cell, path: Path) -> CsvTable:
     """The table of targets as text. Raises InputError, also for one that was corrected before."""
     marks = tuple(f"{_CHANGE}_{joint}_" for joint in cell.robot.joints)

@@ -11,7 +11,6 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.motion.contest import (
-    ALPHA,
     LEAST,
     Contest,
     Evidence,
@@ -29,6 +28,7 @@ Standing = Literal["established", "likely", "one_of"]
 _OF_LINK = ("mass", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 _SURE = 0.9
+_REFUSED = 0.01  # of a rival, one of ten that are asked in the place of each term
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def causes_of(
     for (kind, j), own in judged(state, question).items():
         without = state.of_joint(j, taken(state.model, j, kind))
         grown = float((without - state.squares[:, j]).sum() / power[j])
-        rivals = [] if chosen else _rivals(question, state, kind, j)
+        rivals = [] if chosen else _rivals(question, state, robot, kind, j)
         odds = [1.0, *(weight for _, weight in rivals)]
         sure = (1.0 - min(1.0, own.p)) / sum(odds)
         found.append(MotionCause(
@@ -105,7 +105,9 @@ def causes_of(
     return sorted(found, key=lambda cause: -cause.share)
 
 
-def _rivals(question: Question, state: Contest, kind: str, j: int) -> list[tuple[str, float]]:
+def _rivals(
+    question: Question, state: Contest, robot: Robot, kind: str, j: int
+) -> list[tuple[str, float]]:
     """Kinds that in the place of one predict the left-out runs as well, and their weights beside it."""
     rest = taken(state.model, j, kind)
     now, found = state.of_joint(j, state.model), []
@@ -117,8 +119,10 @@ def _rivals(question: Question, state: Contest, kind: str, j: int) -> list[tuple
             :1
         ]:
             worse = state.evidence(squares, now)
-            if worse.gain < LEAST or worse.p > ALPHA:
+            if worse.gain < LEAST or worse.p > _REFUSED:
                 found.append((name, float(np.clip(2.0 * worse.p, 0.05, 1.0))))
+    if kind == "armature" and state.model.inertials == "inertials" and not robot.parents[j]:
+        found.append((INERTIALS, 1.0))  # a rotor of the first joint turns as its link does
     return found
 
 

@@ -186,7 +186,12 @@ def contest(products: Products, model: MotionModel, question: Question) -> Conte
     for _ in range(_ROUNDS):
         before = state.model
         for rung in question.rungs:
-            state = _risen(state, question, rung)
+            risen = _risen(state, question, rung)
+            if "pre_sliding" in rung and _first(state, risen, "pre_sliding"):
+                late = _late(state, question)
+                # One clock in the place of friction at many joints, where it says as much.
+                risen = _risen(late, question, rung) if _as_good(late, risen) else risen
+            state = risen
         state = _reduced(state, question)
         if state.model == before:
             break
@@ -211,6 +216,26 @@ def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
                 model = given(model, j, term)
     model = _tuned(state, model, rung)
     return state if model == state.model else Contest.of(state.products, model)
+
+
+def _first(state: Contest, risen: Contest, kind: str) -> bool:
+    """Whether a kind is in the second model and was at no joint of the first."""
+    joints = range(len(state.model.terms))
+    before, after = (any(holds(own.model, j, kind) for j in joints) for own in (state, risen))
+    return after and not before
+
+
+def _late(state: Contest, question: Question) -> Contest:
+    """The state with all torques late."""
+    model = state.model
+    for j in range(len(model.terms)):
+        if question.may(DELAY, j):
+            model = given(model, j, _variants(state, j, DELAY)[0])
+    return Contest.of(state.products, model, state.weights)
+
+
+def _as_good(late: Contest, risen: Contest) -> bool:
+    return float((late.squares @ risen.weights).sum()) <= float(risen.pooled.sum())
 
 
 def _variants(state: Contest, joint: int, kind: str) -> list[Term]:

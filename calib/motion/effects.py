@@ -55,7 +55,7 @@ class MotionEffect(ABC):
     variant : float, value of what is not linear, of which the best of ``variants`` is chosen
     unknowns : names of the parameters and their units where the joint turns and the effort is a torque
     geared : whether it acts only where the gear's ratio is stated
-    sharp : whether it jumps where the effort does, so that its columns go through the effort's filter
+    sharp : whether it changes faster than the effort's filter, so that its columns go through it too
     mjcf, urdf : attribute of a joint that holds it, empty where none does
     """
 
@@ -192,6 +192,7 @@ class TorqueRipple(MotionEffect):
 
     kind = "torque_ripple"
     geared = True
+    sharp = True  # motors turn faster than the filter lets pass
     unknowns = (("cos_1", "Nm"), ("sin_1", "Nm"), ("cos_2", "Nm"), ("sin_2", "Nm"))
 
     def columns(self, joint: JointMotion) -> Array:

@@ -47,11 +47,14 @@ def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
     "repeatability. Default: a tenth of 20 poses or more, unless the cell states the repeatability. 0: "
     "none.", click.IntRange(min=0))
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
+@options.value("--motions", "N", "Choose N motions in place of poses, to identify or to explain joint "
+    "torques. With D (the default), A, E, c, or --discriminate TERM[:WHERE],TERM[:WHERE].",
+    click.IntRange(min=1))
 @options.result()
 def design(
     call: Call, cell_path: Path, plan_path: Path | None, candidates: str, extend_path: Path | None,
     discriminate: str | None, of: str | None, against: tuple[Path, ...], reapproach: int | None,
-    repeats: bool | None, **asked: Any,
+    repeats: bool | None, motions: int | None, **asked: Any,
 ) -> None:
     """Choose the poses to measure, and prove how good this plan is.
 
@@ -68,12 +71,26 @@ def design(
     import doe
     from calib.errors import InputError
     from calib.files.write_tables import plan_csv
+    from studies.command.planned_motions import deliver_planned_motions
     from studies.results.design import DesignResult, shown_levels
 
-    given = click.get_current_context().get_parameter_source("criterion")
+    source_of = click.get_current_context().get_parameter_source
+    given = source_of("criterion")
     if discriminate is not None and given == click.core.ParameterSource.COMMANDLINE:
         raise InputError("--criterion", "", "does not go with --discriminate", "give one of them")
     cell = calib.load_cell(cell_path)
+    if motions is not None:
+        wanted: dict[str, Any] = {"motions": motions, "discriminate": two_effects(discriminate)}
+        if given == click.core.ParameterSource.COMMANDLINE:
+            wanted["criterion"] = asked["criterion"]
+        if source_of("candidates") == click.core.ParameterSource.COMMANDLINE:
+            wanted["candidates"] = candidates_of(candidates)
+        deliver_planned_motions(call, cell, plan_path, wanted | {"of": parted(of)}, {
+            "--poses": asked["poses"], "--levels": asked["levels"], "--curve": asked["curve"],
+            "--extend": extend_path, "--against": against, "--reapproach": reapproach,
+            "--repeats": repeats,
+        })
+        return
     again = cell.design.reapproaches if reapproach is None else reapproach
     twice = cell.design.repeats if repeats is None else repeats
     cell = replace(cell, design=replace(cell.design, reapproaches=again, repeats=twice))
@@ -88,7 +105,7 @@ def design(
             candidates=source,
             extend=extend_path,
             discriminate=two_effects(discriminate),
-            of=[] if of is None else [name.strip() for name in of.split(",")],
+            of=parted(of),
             against=dict(zip(options.plan_names(against), loaded, strict=True)),
             seed=call.seed,
             **asked,  # poses, criterion, levels, curve
@@ -99,6 +116,11 @@ def design(
 
 
 # fmt: on
+def parted(of: str | None) -> list[str]:
+    """The names of --of."""
+    return [] if of is None else [name.strip() for name in of.split(",")]
+
+
 def candidates_of(candidates: str) -> int | Path:
     """A number of candidates, or the table that holds them. Raises InputError."""
     from calib.errors import InputError

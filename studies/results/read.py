@@ -36,7 +36,7 @@ class _Head(BaseModel):
     def kind(self) -> str:
         """Its command; ``plan`` for ``diagnose --plan-only``, ``motion`` for motions."""
         if self.motions:
-            return "motion"
+            return "design_motions" if self.command == "design" else "motion"
         return "plan" if self.command == "diagnose" and self.plan_only else self.command
 
 

@@ -1,0 +1,1 @@
+"""Sealed motions: an independent truth of torques, and how often the diagnosis names what is there."""

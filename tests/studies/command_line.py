@@ -67,8 +67,6 @@ def paper_cell(folder: Path, *effects: str) -> Path:
 
 
 _NEVER = {"img", "iframe", "object", "embed", "link", "base", "form", "applet", "audio", "video"}
-
-
 _OWN = ("data:image/png;base64,", "#")  # a picture is a cloud of points within a figure
 
 

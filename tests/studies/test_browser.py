@@ -58,8 +58,6 @@ def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
 
 
 PAGES = 11
-
-
 WIDTHS = (1280, 390)
 
 
@@ -99,13 +97,10 @@ THINNED = """() => {
         svg.querySelectorAll("*").forEach(e => kept.has(e) || e.remove());
     }); }"""
 
-
 RULES = {
     "light": {},
     "dark": {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}},
 }
-
-
 """All; in dark colours those that ask for colours, since nothing else differs."""
 
 

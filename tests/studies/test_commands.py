@@ -266,7 +266,6 @@ def test_a_cell_that_changed(months: Path, tmp_path: Path) -> None:
 
 EVIL = 'p"); halt() PTP {A1 0}; $OV_PRO=100 \\" &<>#\nHALT\r\nPTP {A1 0}\u2028\x7f\x1b[2J'
 
-
 TARGET = {  # a line that drives, and the size of its numbers
     ".src": (r"^PTP \{(.*)\}$", np.pi / 180),
     ".script": (r"^  movej\(\[([^]]*)\]", 1.0),

@@ -282,8 +282,6 @@ def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two:
 
 
 ARM = Repeatability(3e-5, 1e-4)
-
-
 EFFECTS = ("base", "tool", "joint_offset", "joint_compliance:A2,A3")
 
 
@@ -559,7 +557,6 @@ sigma_px = 0.1
 [model]
 effects = ["base", "tool", "geometry"]
 """
-
 
 AHEAD, AWAY = "[-90, 0, 90]", "[-90, 0, -90]"
 

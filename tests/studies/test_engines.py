@@ -24,11 +24,7 @@ from tests.helpers import cell_of, random_poses, random_robot
 from tests.studies.command_line import paper_cell, run
 
 Study = tuple[SimulatedExperiment, list[Prediction]]
-
-
 COUNTS = (1, MOST_TRIALS - 1, MOST_TRIALS, 2 * MOST_TRIALS + 17)
-
-
 NOWHERE = "tcp://127.0.0.1:1"
 
 

@@ -183,8 +183,6 @@ def test_nothing_repeated_says_nothing(folder: Path) -> None:
 
 
 FREE = "sigma_px = 0.1", 'sigma_px = 0.1\nfree = ["focal", "center", "distortion"]'
-
-
 EFFECTS = '"geometry"]', '"geometry", "focal", "principal_point", "distortion"]'
 
 

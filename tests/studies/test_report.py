@@ -21,8 +21,6 @@ from tests.studies.command_line import check_harmless, run
 from tests.studies.test_results import written
 
 MOST_BYTES = 400_000
-
-
 ARROW = "\N{RIGHTWARDS ARROW}"
 
 

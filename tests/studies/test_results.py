@@ -21,10 +21,7 @@ from tests.fuzz.small_cell import KINDS, small_results
 from tests.studies.command_line import check_harmless, checked, run
 
 FIGURES = ("identified", "diagnosed", "designed", "compared")
-
-
 PLACES = ("pose", "marker", "name", "reason", "cell", "targets", "instrument")
-
 
 SCRIPT = (
     "</script><script>alert(1)</script><!--\"'><img src=x onerror=alert(2)> *a* _b_ `c` [d](e) | f"

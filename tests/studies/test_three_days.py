@@ -23,7 +23,6 @@ from tests.studies.command_line import run as command
 
 _H = np.pi / 2
 
-
 _UR = (
     ("shoulder_pan", (0, 0, 0.1625), (0, 0, 0)),
     ("shoulder_lift", (0, 0, 0), (_H, 0, 0)),
@@ -32,7 +31,6 @@ _UR = (
     ("wrist_2", (0, -0.0997, 0), (_H, 0, 0)),
     ("wrist_3", (0, 0.0996, 0), (_H, np.pi, np.pi)),
 )
-
 
 _UR_SHAPES = (  # of the base and each link: what, where, turned
     ('<cylinder radius="0.075" length="0.1"/>', "0 0 0.05", "0 0 0"),
@@ -44,9 +42,7 @@ _UR_SHAPES = (  # of the base and each link: what, where, turned
     ('<sphere radius="0.04"/>', "0 0 -0.03", "0 0 0"),
 )
 
-
 _DH = ((0.0, 0.325, 0.342), (np.pi, 0.275, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # alpha, a, d
-
 
 _SEVEN = (  # where each body stands, its turn (w, x, y, z), mass, centre of mass, range
     ((0, 0, 0.1575), "1 0 0 0", 5.76, "0 -0.03 0.12", 2.97),
@@ -213,11 +209,7 @@ def read(points: Array, seed: int) -> Array:
 
 
 SLIP = 60e-6  # rad, of the second joint's zero, a month later
-
-
 GOAL = 0.05  # mm
-
-
 MARKERS = ("m1", "m2", "m3")
 
 

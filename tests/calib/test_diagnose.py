@@ -123,20 +123,15 @@ def test_a_cause_outside_the_catalogue_is_located() -> None:
     assert not [c for c in found.causes if c.named.candidate.where != "A5"]
 
 
-def test_gross_outliers_are_no_effect() -> None:
-    cell, data, held, _ = day(seed=3)
+@pytest.mark.parametrize("repeats", [0, pytest.param(2, marks=pytest.mark.long)])
+def test_gross_outliers_and_noise_larger_than_stated_are_no_effect(repeats: int) -> None:
+    """Of single readings, or where some are repeated."""
+    cell, data, held, _ = day(noise=1.5, seed=4, twice=repeats)
     points = data.points.copy()
     points[[7, 22]] += np.array([0.4e-3, -0.3e-3, 0.2e-3])
     found = calib.diagnose(cell, replace(data, readings=points), heldout=held)
     assert found.verdict == "no_gap"
     assert list(np.flatnonzero(found.outlier)) == [7, 22]
-
-
-@pytest.mark.parametrize("repeats", [0, 2], ids=["single readings", "some repeated"])
-def test_noise_larger_than_stated_is_no_effect(repeats: int) -> None:
-    cell, data, held, _ = day(noise=1.5, seed=4, twice=repeats)
-    found = calib.diagnose(cell, data, heldout=held)
-    assert found.verdict == "no_gap"
     assert found.noise.sigma == pytest.approx(1.5 * cell.noise.across, rel=0.1)
 
 
@@ -248,10 +243,21 @@ def shuffled(data: Measurements, rng: np.random.Generator) -> Measurements:
     return data.take(rng.permutation(len(data)))
 
 
-@pytest.mark.parametrize(
-    ("kind", "index"),
-    [("first", 3), *(pytest.param("real_arms", k, marks=pytest.mark.long) for k in (3, 12))],
-)
+def test_rounding_and_order_change_no_small_day() -> None:
+    """Of which a joint errs once a turn."""
+    cell, data, _, _ = day("6R", seed=5, index=1, poses=24, truth=_once_a_turn)
+    rng = np.random.default_rng(0)
+    found = answer(cell, data)
+    assert found[1]
+    assert answer(cell, rounded(shuffled(data, rng), rng)) == found
+
+
+def _once_a_turn(q: Array) -> Array:
+    return q + 3e-4 * np.cos(q[:, [2]]) * (np.arange(q.shape[1]) == 2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "index"), [("first", 3), ("real_arms", 3), ("real_arms", 12)])
 def test_rounding_and_order_change_no_drawn_day(tmp_path: Path, kind: str, index: int) -> None:
     """Drawn as sealed cases are, of forty among which families are shared out."""
     own, case = POPULATIONS[kind], tmp_path / "case"
@@ -289,7 +295,14 @@ RESTS = {
 }
 
 
-@pytest.mark.parametrize(("scatter", "approaches", "robot", "told"), RESTS.values(), ids=RESTS)
+QUICK = ("told by second approaches", "more than any arm's")
+
+
+@pytest.mark.parametrize(
+    ("scatter", "approaches", "robot", "told"),
+    [pytest.param(*own, id=name, marks=() if name in QUICK else pytest.mark.long)
+     for name, own in RESTS.items()],
+)  # fmt: skip
 def test_what_remains_is_told_with_whose_it_is(
     scatter: float, approaches: int, robot: str, told: tuple[str | None, ...]
 ) -> None:

@@ -26,10 +26,9 @@ from doe.criteria import CRITERIA, UNASKED
 from studies.cli import COMMANDS, GROUPS, loaded, main
 from studies.command.explain import PAGES, page
 from studies.demo.embedded import embedded_cell
-from studies.research.command_line import heard
 from studies.research.docs_tables import cell_keys, made_anew
 from studies.struck import INSTEAD, remedy
-from tests.studies.command_line import run
+from tests.studies.command_line import heard, run
 
 RUN = "from studies.cli import run; run()"
 

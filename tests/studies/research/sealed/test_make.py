@@ -36,7 +36,7 @@ from studies.research.truth.causes import Cause
 from studies.research.truth.scene import at_rest
 from tests.studies.research.sealed.scenes import scene_of
 
-COUNT = 10
+COUNT = 8
 # Says that there is no gap, except where it fails.
 PROGRAM = """
 import json, sys

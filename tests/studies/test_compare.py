@@ -13,18 +13,14 @@ import pytest
 from click.testing import Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 import calib
 import doe
 from calib import Cell, Poses
-from calib.api import in_turn
 from calib.arm.se3 import fit_rigid, rotate, transform
 from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.cell.planned import Planned
-from calib.model.build import build
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
@@ -107,24 +103,6 @@ def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Po
     np.testing.assert_allclose(known_std(points) * scales, plan.assessment.std, rtol=1e-6)
     assert points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)
     assert points.task_worst_mm == pytest.approx(1e3 * plan.assessment.task_worst, rel=1e-6)
-
-
-@pytest.mark.long
-def test_five_hundred_refits_scatter_as_predicted(kr270: Cell, table_two: Poses) -> None:
-    """Both approaches, every weighting, a robot that is off, free and loaded: nonlinear throughout."""
-    elastic = [e for e in kr270.effects if "stiffness" in e or "compliance" in e]
-    cell = with_effects(kr270, "base", "tool", *elastic)
-    found = compare(cell, table_two, 500, seed=1)
-    low, high = np.sqrt(chi2.ppf([5e-5, 1 - 5e-5], 499) / 499)
-    for own in found.approaches:
-        ratio = np.array([p.monte_carlo_std for p in own.parameters]) / known_std(own)
-        assert low < ratio.min()
-        assert ratio.max() < high
-        assert own.agreement is not None
-        assert own.agreement.chi2_p is not None
-        assert own.agreement.chi2_p > 1e-3
-        assert own.monte_carlo_task_rms_mm == pytest.approx(own.task_rms_mm, rel=0.05)
-    assert together(cell, found, 500).believed is True
 
 
 def test_one_marker_leaves_approach_two(kr270: Cell, table_two: Poses) -> None:
@@ -323,50 +301,6 @@ def test_a_prediction_that_forgets_the_arm_is_refuted(cell_again: Cell, plan_aga
     judged = agreement(errors, prediction.covariance)
     assert judged is not None
     assert judged.p < 1e-6
-
-
-def displaced(
-    cell_again: Cell, poses: Poses, values: Array, visit: Array, rng: np.random.Generator
-) -> Measurements:
-    """Readings of a tip that is shifted and turned anew at each visit, by scipy's rotations."""
-    model = build(cell_again, poses).model
-    state = model.state(values, poses)
-    o = model.readings(values, poses, state.frames.o[:, -1:])
-    shift = rng.normal(size=(visit.max() + 1, 1, 3)) * ARM.translation
-    turn = Rotation.from_rotvec(rng.normal(size=(visit.max() + 1, 3)) * ARM.rotation).as_matrix()
-    points = model.predict(values, poses) - o
-    points = points @ np.swapaxes(turn, -1, -2)[visit] + shift[visit] + o
-    points = points + rng.normal(size=points.shape) * cell_again.noise.along
-    return Measurements(
-        poses, points, np.ones(points.shape[:2], bool), np.full(points.shape[:2], np.nan)
-    )
-
-
-@pytest.mark.long
-def test_identify_reaches_what_was_promised(cell_again: Cell, plan_again: Poses) -> None:
-    """Days of measurement by a simulation of their own, identified as real data are."""
-    poses = in_turn(cell_again, plan_again)
-    visit = np.arange(len(poses)) // 2
-    experiment = experiment_of(cell_again, plan_again, seed=1)
-    prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
-    inverse = np.linalg.pinv(
-        prediction.covariance / np.outer(prediction.std, prediction.std), hermitian=True
-    )
-    squares, days, more = 0.0, 24, 0
-    rng = np.random.default_rng(7)
-    for _ in range(days):
-        data = displaced(cell_again, poses, experiment.truth, visit, rng)
-        found = calib.identify(cell_again, data)
-        assert found.levels is not None
-        if found.levels.estimated:  # by chance something seems to scatter beside the arm
-            more += 1
-        else:
-            np.testing.assert_allclose(found.std, prediction.std, rtol=0.02)
-        off = (found.values - experiment.truth) / prediction.std
-        squares += off @ inverse @ off
-    assert more <= 2
-    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], days * len(prediction.std))
-    assert low < squares < high
 
 
 HEAD = """

@@ -105,7 +105,7 @@ def in_a_plane(rng: np.random.Generator, dof: int, prismatic: tuple[int, ...] = 
 
 
 @pytest.mark.parametrize("arm", ["scara", "planar", "one joint"])
-@pytest.mark.parametrize("approach", ["points", "pose"])
+@pytest.mark.parametrize("approach", ["points", pytest.param("pose", marks=pytest.mark.long)])
 def test_arms_whose_base_and_markers_hide_each_other(arm: str, approach: str) -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)

@@ -183,7 +183,7 @@ def test_nothing_repeated_says_nothing(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("more", "effects"),
-    [('free = ["focal", "center", "distortion"]\n', ""),
+    [pytest.param('free = ["focal", "center", "distortion"]\n', "", marks=pytest.mark.long),
      ("", ', "focal", "principal_point", "distortion"')],
     ids=["free", "effects"],
 )  # fmt: skip

@@ -26,7 +26,6 @@ from studies.command.program import MOST_AXES, program_text
 from studies.demo.embedded import embedded_text
 from tests.camera_cells import PINHOLE, camera_cell
 from tests.doe.forecast.day import MODEL, of_poses, whole_day
-from tests.fuzz.small_cell import put_small_cell
 from tests.helpers import cell_of, random_robot, simulated
 from tests.studies.command_line import paper_cell, result, run
 from tests.studies.test_texts import blocks
@@ -173,15 +172,6 @@ def test_it_names_the_poses_that_the_goal_needs_or_how_many_more(half_day: Path)
     fields, said = asked(half_day, *plan, "--goal-mm", 0.97 * now["end"]["task_most_mm"])
     assert fields["poses_to_goal"] is None
     assert f"--poses {fields['fresh_poses_to_goal']}" in said
-
-
-def test_without_a_plan(tmp_path: Path) -> None:
-    put_small_cell(tmp_path)
-    call = ("enough", tmp_path / "cell.toml", tmp_path / "data.csv")
-    fields, said = result(tmp_path / "out.json", *call, kind="enough")
-    assert fields["order"] == []
-    assert "planned poses" not in said
-    assert f"RMS now, from {fields['now']['readings']} readings." in said
 
 
 SLIP = 3e-4

@@ -17,8 +17,8 @@ from studies.kinds import result_type
 from studies.report import Reported, page_of
 from studies.results.base import NotAsked
 from studies.results.read import json_schema, read
-from tests.fuzz.small_cell import KINDS, small_results
-from tests.studies.command_line import check_harmless, checked, run
+from tests.fuzz.small_cell import KINDS, put_small_cell, small_results
+from tests.studies.command_line import check_harmless, checked, result, run
 
 FIGURES = ("identified", "diagnosed", "designed", "compared")
 PLACES = ("pose", "marker", "name", "reason", "cell", "targets", "instrument")
@@ -195,3 +195,12 @@ def test_a_page_does_not_blame_the_file(
     assert type(done.exception) is (ValueError if fault is misshapen else AttributeError)
     assert "good.json" not in done.output
     assert not (tmp_path / "page.html").exists()
+
+
+def test_poses_to_come_are_found_without_a_plan(tmp_path: Path) -> None:
+    put_small_cell(tmp_path)
+    call = ("enough", tmp_path / "cell.toml", tmp_path / "data.csv")
+    fields, said = result(tmp_path / "out.json", *call, kind="enough")
+    assert fields["order"] == []
+    assert "planned poses" not in said
+    assert f"RMS now, from {fields['now']['readings']} readings." in said

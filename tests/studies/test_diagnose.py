@@ -51,9 +51,7 @@ def example(data: Path, name: str) -> tuple[object, ...]:
 
 
 @pytest.mark.long
-def test_a_published_case_with_an_effect(
-    one_effect: tuple[dict[str, Any], str, Path],
-) -> None:
+def test_a_published_case_with_an_effect(one_effect: tuple[dict[str, Any], str, Path]) -> None:
     fields, _, _ = one_effect
     assert fields["verdict"] == "explained"
     (effect,) = fields["effects"]

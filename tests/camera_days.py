@@ -11,12 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from calib import Cell, Measurements, load_cell, load_measurements
 from calib.arm.robot import Robot
 from calib.arrays import Array
+from doe.constraints import scene_of, visible
+from doe.views import NUMBERS, looking, views_of
 from studies.demo.embedded import embedded_text
-from studies.research.cameras import pixels, poses_that_show
 from tests.plain_arm import frame, tips
 
 cv2 = pytest.importorskip("cv2", exc_type=ImportError)
@@ -78,6 +80,49 @@ class Setup:
                 f"{stands.keys()}{more}"
             )
         return "".join(tables) + f"[model]\neffects = [{effects}]\n"
+
+
+_AT_ONCE = 250  # candidates
+
+
+def corners(across: int, down: int, pitch: float) -> Array:
+    """Inner corners of a chessboard in its frame, (n, 3), row by row."""
+    grid = [[x, y, 0.0] for y in range(1, down + 1) for x in range(1, across + 1)]
+    return np.array(grid) * pitch
+
+
+def pixels(
+    points: Array, T: Array, focal: ArrayLike, center: ArrayLike, bent: ArrayLike = (0.0,) * 5
+) -> Array:
+    """OpenCV's pixels (n, 2) of points (n, 3) that are at T in camera axes.
+
+    focal, center : px, of both axes or each; bent : distortion
+    """
+    K = np.eye(3)
+    K[[0, 1], [0, 1]], K[:2, 2] = focal, center
+    turn = cv2.Rodrigues(T[:3, :3])[0]
+    uv, _ = cv2.projectPoints(points, turn, T[:3, 3], K, np.asarray(bent, dtype=float))
+    return np.asarray(uv[:, 0])
+
+
+def poses_that_show(
+    cell: Cell, rng: np.random.Generator, drawn: int, count: int | None = None
+) -> Array:
+    """Joint values (n, dof), rad or m, at which all that cameras look at is seen.
+
+    drawn : candidates; count : poses to end with, all that are found where None
+    """
+    low, high = cell.robot.sample_limits().T
+    q = rng.uniform(low, high, (drawn, cell.robot.dof))
+    even, free = rng.uniform(size=(drawn, NUMBERS)), np.ones(cell.robot.dof, dtype=bool)
+    view, found = np.arange(drawn) % len(views_of(cell)), q[:0]
+    for first in range(0, drawn, _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        there = looking(cell, q[part], view[part], even[part], free)
+        found = np.concatenate([found, there[visible(scene_of(cell, there)).all(axis=1)]])
+        if count is not None and len(found) >= count:
+            break
+    return found[:count]
 
 
 TABLE = Stands("world", [450, -120, 20], [180, 0, 0])
@@ -145,9 +190,7 @@ class Truth:
 
 def grid() -> Array:
     """Inner corners of the chessboard, row by row, (n, 3), m."""
-    across, down = SQUARES[0] - 1, SQUARES[1] - 1
-    i = np.indices((down, across))[::-1].reshape(2, -1).T + 1.0
-    return np.c_[i, np.zeros(len(i))] * PITCH
+    return corners(SQUARES[0] - 1, SQUARES[1] - 1, PITCH)
 
 
 def grown(uv: Array) -> float:

@@ -6,7 +6,7 @@ shares no code with the estimator; nothing else of the tests of calib imports fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -92,6 +92,15 @@ def diagnosed(cause: str, size: Sizes, seed: int, arm: str = "kr270", **more: An
     """The diagnosis of a day, once for all tests that ask about it."""
     cell, data, heldout, _ = day(arm, cause, size, seed=seed, **more)
     return calib.diagnose(cell, data, heldout=heldout)
+
+
+def once_a_turn(q: Array) -> Array:
+    """Where joints truly are of which the third errs by 0.3 mrad once a turn."""
+    return q + 3e-4 * np.cos(q[:, [2]]) * (np.arange(q.shape[1]) == 2)
+
+
+SMALL: Mapping[str, Any] = {"index": 1, "poses": 24, "truth": once_a_turn}
+"""A day of 6R that is diagnosed soon, for ``day`` and ``diagnosed``."""
 
 
 def _folder() -> Path:

@@ -28,7 +28,6 @@ _WAY = (
     "report i.json d.json -o report.html",
 )
 
-
 _NOWHERE = ("No matching distribution", "NewConnectionError", "Failed to establish")
 
 

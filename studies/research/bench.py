@@ -19,13 +19,14 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 from numpy.typing import ArrayLike
+from rich.table import Table
+from rich.text import Text
 
 import calib
 from calib.errors import InputError
 from calib.files.write import json_text, write_files
 from calib.threads import one_blas_thread
 from studies.command.options import one_line_faults
-from studies.research.tables import table as table
 
 T = TypeVar("T")
 Row = dict[str, Any]
@@ -104,6 +105,31 @@ def each(
 @one_blas_thread
 def _one(work: Callable[..., Any], options: Mapping[str, Any], task: Sequence[Any]) -> Any:
     return work(*task, **options)
+
+
+def table(rows: Iterable[Mapping[str, Any]]) -> Table:
+    """Rows under their headings; the first column and columns of words are left, figures right."""
+    rows = list(rows)
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    lines = max((key.count("\n") for key in keys), default=0)
+    texts = {key: [shown(row.get(key)) for row in rows] for key in keys}
+    made = Table(box=None, pad_edge=False, header_style="bold")
+    for k, (key, column) in enumerate(texts.items()):
+        figures = k > 0 and all(not t or t[0].isdigit() or t[0] in "-+<>" for t in column)
+        above, side = "\n" * (lines - key.count("\n")), "right" if figures else "left"
+        made.add_column(Text(above + key), justify=side, overflow="fold")  # type: ignore[arg-type]
+    for row in zip(*texts.values(), strict=True):
+        made.add_row(*row)
+    return made
+
+
+def shown(value: object) -> str:
+    """A cell of a table: four digits of a number, a dash where there is none."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def clocked(work: Callable[[], T]) -> tuple[T, float]:

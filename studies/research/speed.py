@@ -24,17 +24,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
-import numpy as np
 
 import calib
 from calib.errors import CalibError
-from studies.research import cameras, problems
+from studies.research import problems
 from studies.research.bench import Output, Row, bench, count, real_data, table
 
 RUN = "from studies.cli import run; run()"
 TRIALS, WORKERS = 1000, 2
 _MB = 1e6 if sys.platform == "darwin" else 1e6 / 1024
-Data = tuple[calib.Cell, calib.Measurements]
 Runs = Callable[[int], list[float]]
 """How many repeats -> seconds of each, or ratios."""
 
@@ -111,40 +109,14 @@ def pool(repeats: int) -> list[float]:
     return [seconds(lambda: problems.pool(posed, 1_000_000)) for _ in range(repeats)]
 
 
-def fits(of: Callable[[], Data], repeats: int, diagnosed: bool = False) -> list[float]:
-    """Identifications of one table, each with a diagnosis where asked; the first does not count."""
-    cell, data = of()
-
-    def work() -> None:
-        fresh = data.take(slice(None))  # poses remember results
-        calib.identify(cell, fresh)
-        if diagnosed:
-            calib.diagnose(cell, fresh)
-
-    return [seconds(work) for _ in range(repeats + (not diagnosed))][not diagnosed :]
-
-
-def filmed(images: int) -> Data:
-    """Images of 88 corners by a camera on a Panda's hand, 34 parameters."""
-    with TemporaryDirectory() as folder:
-        path, table_path = cameras.written(Path(folder), "N", 0, images)
-        cell = calib.load_cell(path)
-        return cell, calib.load_measurements(cell, table_path)
-
-
-def tracked(poses: int) -> Data:
-    """Readings of three markers on a real IRB 120 whose joint 2 turns too far and joint 4 has play."""
-    from calib.poses import poses_at
-    from calib.poses.moves import with_moves
-
-    cell, data = real_data("irb120_faro")
-    rng = np.random.default_rng(0)
-    q = rng.uniform(data.poses.q.min(axis=0), data.poses.q.max(axis=0), (poses, 6))
-    stated = with_moves(poses_at(q))
-    turned = q * [1.0, 1.0 + 2e-4, 1.0, 1.0, 1.0, 1.0]
-    turned[:, 3] += 1e-4 * np.sign(np.diff(q[:, 3], prepend=0.0))
-    read = calib.simulate(cell, replace(stated, q=turned), rng=rng)
-    return cell, replace(read, poses=stated)
+def fits(repeats: int) -> list[float]:
+    """Identifications of a real table of 1495 poses; the first does not count."""
+    cell, data = real_data("ur10_leica_b")
+    # Poses remember results, so that each fit has fresh ones.
+    times = [
+        seconds(lambda: calib.identify(cell, data.take(slice(None)))) for _ in range(repeats + 1)
+    ]
+    return times[1:]
 
 
 def refits(repeats: int) -> list[float]:
@@ -186,9 +158,7 @@ def _refits() -> Callable[..., Any]:
 LIBRARY: dict[str, Runs] = {
     "pool": pool,
     "pool-mb": partial(most_mb, pool),
-    "identify": partial(fits, partial(real_data, "ur10_leica_b")),
-    "images": partial(fits, partial(filmed, 500)),
-    "poses": partial(fits, partial(tracked, 10_000), diagnosed=True),
+    "identify": fits,
     "refits": refits,
     "workers": two_workers,
 }
@@ -196,8 +166,6 @@ _IN_LIBRARY = {
     "pool": ("pool of 1e6, link weights, in the library", "s"),
     "pool-mb": ("its memory", "MB"),
     "identify": ("identify 1495 x 3, in the library", "s"),
-    "images": ("identify 500 images of 88 corners, in the library", "s"),
-    "poses": ("identify and diagnose 10 000 poses of 3 markers", "s"),
     "refits": ("1000 refits of 15 poses, in the library", "s"),
     "workers": ("their gain by two workers", "x"),
 }

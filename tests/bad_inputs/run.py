@@ -9,9 +9,9 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from studies.research.command_line import Heard, heard
 from tests.bad_inputs.faults import FAULTS, Fault
 from tests.helpers import measured_cell
+from tests.studies.command_line import Heard, heard
 
 
 def posecal(*words: str) -> Heard:

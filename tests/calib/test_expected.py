@@ -115,7 +115,7 @@ def test_left_out_configurations_are_those_of_refits() -> None:
         np.testing.assert_allclose(errors[i], missed[0], atol=0.02 * np.abs(missed).max())
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_a_noisy_instrument_is_no_model_error(seed: int) -> None:
     """Three times noisier than stated, three markers: the shape of the marker set tells."""
     cell, data = session(60, 3.0, 3, seed)
@@ -206,8 +206,9 @@ def test_a_trend_is_handed_on_by_file() -> None:
     assert any("1 h after the last one" in note for note in said.notes)
 
 
-def test_a_base_that_stands_has_no_trend() -> None:
-    assert all(warming(index, size=0.0)[2].trend is None for index in range(10))
+@pytest.mark.parametrize("days", [range(3), pytest.param(range(3, 10), marks=pytest.mark.long)])
+def test_a_base_that_stands_has_no_trend(days: range) -> None:
+    assert all(warming(index, size=0.0)[2].trend is None for index in days)
 
 
 @pytest.mark.parametrize("timed", [False, True])
@@ -263,7 +264,11 @@ def unmeasured(kr270: Cell, kind: str, seed: int) -> tuple[Cell, Measurements, P
     return replace(cell, effects=GEOMETRY), data, targets, model, truth
 
 
-@pytest.mark.parametrize("kind", ["joint_compliance", "base_drift", "backlash"])
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param("joint_compliance", marks=pytest.mark.long),
+     pytest.param("base_drift", marks=pytest.mark.long), "backlash"],
+)  # fmt: skip
 def test_what_was_never_measured_is_promised_at_its_size(kr270: Cell, kind: str) -> None:
     ratios = []
     for seed in range(8):

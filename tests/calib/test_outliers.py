@@ -49,7 +49,9 @@ def test_outliers_are_listed_and_do_not_bend_the_result(kr270: Cell) -> None:
     assert result.rms("fitted") < 2.0 * NOISE < result.rms("fitted_all")
 
 
-@pytest.mark.parametrize("count", [15, 40, pytest.param(120, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "count", [15, *(pytest.param(n, marks=pytest.mark.long) for n in (40, 120))]
+)
 def test_clean_data_have_no_outliers(kr270: Cell, count: int) -> None:
     cell, _, _, rng = rigid_day(kr270.robot, count, count)
     days = [erring(cell, anywhere(cell, rng, count), rng)[0] for _ in range(10)]
@@ -112,14 +114,14 @@ def one_alone(seed: int, m: int, lacking: float = 0.0) -> tuple[Cell, Measuremen
     return cell, data
 
 
-@pytest.mark.parametrize("m", [24, 40])
+@pytest.mark.parametrize("m", [24, pytest.param(40, marks=pytest.mark.long)])
 def test_what_a_model_lacks_does_not_set_it_aside(m: int) -> None:
     """By a test that knows of no extrapolation 10 of 20 go where poses are few."""
     assert sum(ALONE in rejected(calib.identify(*one_alone(s, m, 1e-4))) for s in range(8)) <= 1
 
 
 @pytest.mark.parametrize("at", [ALONE, 3])
-@pytest.mark.parametrize("m", [24, 40])
+@pytest.mark.parametrize("m", [24, pytest.param(40, marks=pytest.mark.long)])
 def test_a_slip_is_found_there_and_elsewhere(m: int, at: int) -> None:
     for seed in range(4):
         cell, data = one_alone(seed, m)

@@ -61,7 +61,7 @@ def objective(of: Elementary, J: Array, y: Array, at: Array) -> float:
     return float(value + sizes._STATED * (np.log(noise**2) + 1.0 / noise**2))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_the_widths_are_where_the_likelihood_is_largest(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -140,7 +140,7 @@ def test_parameters_spread_as_the_errors_that_they_stand_for() -> None:
     assert np.abs(left).max() < 0.02 * np.abs(points - built.full.predict(0 * every, poses)).max()
 
 
-@pytest.mark.parametrize("scale", [1.0, 10.0])
+@pytest.mark.parametrize("scale", [1.0, pytest.param(10.0, marks=pytest.mark.long)])
 def test_few_poses_predict_better_with_sizes(scale: float) -> None:
     """Thirteen poses of one marker for some 33 parameters, over arms, by a coarse instrument."""
     ratios = []

@@ -11,7 +11,7 @@ import pytest
 
 import doe
 from calib import load_cell
-from calib.arm.se3 import from_xyz_rpy
+from calib.arm.se3 import from_xyz_rpy, transform
 from calib.arrays import Array
 from calib.cell import Cell
 from doe import design
@@ -19,9 +19,8 @@ from doe.candidates import drawn
 from doe.constraints import scene_of, visible
 from doe.views import looking, views_of
 from studies.command.explain import page
-from studies.research.cameras import corners, frame, pixels
 from tests.camera_cells import kr270_cell
-from tests.camera_days import SETUPS, Truth, kr270_day
+from tests.camera_days import SETUPS, Truth, corners, kr270_day, pixels
 from tests.plain_arm import tips
 from tests.trees import in_mujoco
 from tests.two_arms import EYE, PLATE, in_view, urdf, written
@@ -164,7 +163,7 @@ def between(cell: Cell, q: Array) -> Array:
         ends = []
         for name, T in (("head", T_HEAD_EYE), ("right_hand", T_HAND_PLATE)):
             body = data.body(name)
-            ends.append(frame(body.xpos, body.xmat.reshape(3, 3)) @ T)
+            ends.append(transform(body.xmat.reshape(3, 3), body.xpos) @ T)
         found.append(np.linalg.inv(ends[0]) @ ends[1])
     return np.array(found)
 

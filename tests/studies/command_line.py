@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import io
 import json
 import re
+import shlex
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from unittest import mock
 
 import jsonschema
 import pytest
 from click.testing import CliRunner, Result
 
+from studies import cli
 from studies.cli import main
 from studies.demo.embedded import INPUTS, embedded_text
 from studies.results.read import json_schema
@@ -21,6 +27,33 @@ from studies.results.read import json_schema
 def run(*arguments: object) -> Result:
     """What ``posecal`` ends with, words and paths as they come."""
     return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+class Heard(NamedTuple):
+    """How a call ended: its status, and what it wrote to both streams."""
+
+    status: int
+    out: str
+    err: str
+
+
+def heard(call: str, folder: Path) -> Heard:
+    """Words after ``posecal``, said in a folder."""
+    out, err, status = io.StringIO(), io.StringIO(), 0
+    with (
+        contextlib.chdir(folder),
+        mock.patch.object(sys, "argv", ["posecal", *shlex.split(call)]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            cli.run()
+        except SystemExit as end:
+            status = end.code if isinstance(end.code, int) else 0
+        except Exception as error:
+            status = 1  # with which Python ends then
+            err.write(f"traceback: {type(error).__name__}: {error}")
+    return Heard(status, out.getvalue(), err.getvalue())
 
 
 def result(out: Path, *arguments: object, kind: str = "") -> tuple[dict[str, Any], str]:
@@ -67,8 +100,6 @@ def paper_cell(folder: Path, *effects: str) -> Path:
 
 
 _NEVER = {"img", "iframe", "object", "embed", "link", "base", "form", "applet", "audio", "video"}
-
-
 _OWN = ("data:image/png;base64,", "#")  # a picture is a cloud of points within a figure
 
 

@@ -174,13 +174,6 @@ def test_it_names_the_poses_that_the_goal_needs_or_how_many_more(half_day: Path)
     assert f"--poses {fields['fresh_poses_to_goal']}" in said
 
 
-def test_without_a_plan(half_day: Path) -> None:
-    fields, said = asked(half_day)
-    assert fields["order"] == []
-    assert "planned poses" not in said
-    assert f"RMS now, from {fields['now']['readings']} readings." in said
-
-
 SLIP = 3e-4
 
 
@@ -188,7 +181,7 @@ SLIP = 3e-4
 def months(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """May and June of one robot, of which the belt of A3 slipped in between, and of July nothing."""
     path = tmp_path_factory.mktemp("months")
-    cell = calib.load_cell(paper_cell(path, "base", "tool", "geometry"))
+    cell = calib.load_cell(paper_cell(path, "base", "tool", "joint_offset"))
     low, high = cell.robot.sample_limits().T
     for seed, month in enumerate(("may", "june", "july")):
         rng = np.random.default_rng(seed)
@@ -196,7 +189,7 @@ def months(tmp_path_factory: pytest.TempPathFactory) -> Path:
         model = build(cell, poses).model
         truth = np.zeros(len(model.parameters))
         truth[:6] = [2.0, -1.0, 0.3, 0.1, -0.2, 0.5]
-        slipped = [p.id for p in model.parameters].index("geometry:A3.ry")
+        slipped = [p.id for p in model.parameters].index("joint_offset:A3.offset")
         truth[slipped] = 1e-3 + SLIP * (month == "june")
         data = drawn_readings(model, truth, poses, cell.noise, rng)
         (path / f"{month}.csv").write_text(measurements_csv(cell, data))
@@ -217,12 +210,12 @@ def test_a_slipped_belt_is_told_with_what_it_does(months: Path) -> None:
     fields, said = compared_months(months, "may.json", "june.json", "--tolerance-mm", 0.1)
     assert fields["status"] == "changed"
     (moved,) = [p for p in fields["parameters"] if p["moved"]]
-    assert moved["id"] == "geometry:A3.ry"
+    assert moved["id"] == "joint_offset:A3.offset"
     assert moved["change"] == pytest.approx(SLIP * 1e6, rel=0.05)
     assert fields["verdict"] == "does_not"
     assert fields["kept_worst_mm"]["low"] > 0.1
     assert "may.json does not hold within 0.1 mm: worst target" in said
-    assert "Moved: geometry:A3.ry" in said
+    assert "Moved: joint_offset:A3.offset" in said
     assert [Path(i["file"]).name for i in fields["inputs"]] == [
         "cell.toml", "kr270.urdf", "may.json", "june.json",
     ]  # fmt: skip
@@ -254,7 +247,7 @@ def test_a_cell_that_changed(months: Path, tmp_path: Path) -> None:
         moved[month] = tmp_path / f"{month}.json"
     done = run("changes", moved["may"], moved["june"])
     assert done.exit_code == 0, done.output
-    assert "geometry:A3.ry" in done.output
+    assert "joint_offset:A3.offset" in done.output
     text = (tmp_path / "cell.toml").read_text()
     (tmp_path / "cell.toml").write_text(text + "\n# later\n")
     done = run("changes", moved["may"], moved["june"])
@@ -265,7 +258,6 @@ def test_a_cell_that_changed(months: Path, tmp_path: Path) -> None:
 
 
 EVIL = 'p"); halt() PTP {A1 0}; $OV_PRO=100 \\" &<>#\nHALT\r\nPTP {A1 0}\u2028\x7f\x1b[2J'
-
 
 TARGET = {  # a line that drives, and the size of its numbers
     ".src": (r"^PTP \{(.*)\}$", np.pi / 180),

@@ -51,9 +51,7 @@ def example(data: Path, name: str) -> tuple[object, ...]:
 
 
 @pytest.mark.long
-def test_a_published_case_with_an_effect(
-    one_effect: tuple[dict[str, Any], str, Path],
-) -> None:
+def test_a_published_case_with_an_effect(one_effect: tuple[dict[str, Any], str, Path]) -> None:
     fields, _, _ = one_effect
     assert fields["verdict"] == "explained"
     (effect,) = fields["effects"]
@@ -157,16 +155,13 @@ GAP = {
     "over_time_before_mm": None, "over_time_after_mm": None,
 }  # fmt: skip
 
-
 ROSE = {**GAP, "heldout_after_mm": 0.06, "closed": -0.4, "closed_ci95": None, "heldout_rose": True}
-
 
 NOISE = {
     "sigma_mm": 0.01, "believed_sigma_mm": 0.005, "source": "residual", "configuration_of": None,
     "repeatability_mm": None, "repeatability_urad": None, "configuration_mm": None,
     "configuration_urad": None,
 }  # fmt: skip
-
 
 EMPTY = ("curves", "could_not_see", "outliers", "not_asked", "refused", "spectra")
 

@@ -37,8 +37,6 @@ from tests.calib.test_spectra import mirrored, on_grid, spectra_at, with_ripple
 from tests.two_arms import EYE, PLATE, in_view, written
 
 _INSET = 1.0  # pixels at 100 dots per inch: what touches by rounding does not collide
-
-
 _BESIDE = 1.0  # pixels that words side by side keep apart, else they read as one
 
 

@@ -25,7 +25,6 @@ from calib.files.write_tables import measurements_csv
 from calib.model.build import build
 from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
-from studies.research.cameras import written
 from studies.research.truth.day import Day, Setting, draw_day, write_day
 from studies.research.truth.mechanism import Action
 from tests.studies.command_line import paper_cell, result, run
@@ -182,28 +181,24 @@ def test_nothing_repeated_says_nothing(folder: Path) -> None:
     assert "read again" not in said
 
 
-FREE = "sigma_px = 0.1", 'sigma_px = 0.1\nfree = ["focal", "center", "distortion"]'
-
-
-EFFECTS = '"geometry"]', '"geometry", "focal", "principal_point", "distortion"]'
-
-
-@pytest.mark.usefixtures("data")
-@pytest.mark.parametrize("asked", [FREE, EFFECTS], ids=["free", "effects"])
-def test_a_wrong_lens_is_found(asked: tuple[str, str], tmp_path: Path) -> None:
-    cell, table = written(tmp_path, "A", 3)
-    lens = (0.006, 0.004, 3.5, -3.0, -0.03, 0.01)
-    cell.write_text(cell.read_text().replace(*asked))
-    done = run("identify", cell, table, "--json", tmp_path / "i.json")
-    assert done.exit_code == 0, done.output
-    rows = {row["name"]: row for row in json.loads((tmp_path / "i.json").read_text())["lenses"]}
-    true = {
-        "fx": 900.0 * (1.0 + lens[0]), "fy": 900.0 * (1.0 + lens[1]), "cx": 640.0 + lens[2],
-        "cy": 480.0 + lens[3], "k1": lens[4], "k2": lens[5], "p1": 0.0, "p2": 0.0, "k3": 0.0,
-    }  # fmt: skip
-    assert list(rows) == list(true)
-    for name, value in true.items():
-        assert abs(rows[name]["value"] - value) < 4.0 * rows[name]["std"], name
+@pytest.mark.parametrize(
+    ("more", "effects"),
+    [pytest.param('free = ["focal", "center", "distortion"]\n', "", marks=pytest.mark.long),
+     ("", ', "focal", "principal_point", "distortion"')],
+    ids=["free", "effects"],
+)  # fmt: skip
+def test_a_wrong_lens_is_found(more: str, effects: str, tmp_path: Path) -> None:
+    cameras = pytest.importorskip("tests.camera_days")
+    lens = np.add(cameras.LENS, [6.0, 4.0, 3.5, -3.0, -0.03, 0.01, 0.0, 0.0, 0.0])
+    day = cameras.SETUPS["kr270, hand"], cameras.Truth(np.zeros(6), lens)
+    effects = f'"base", "tool", "geometry"{effects}'
+    cell, _ = cameras.kr270_day(tmp_path, *day, 45, effects=effects, more=more)
+    call = ("identify", cell.path, tmp_path / "measurements.csv")
+    fields, _ = result(tmp_path / "i.json", *call)
+    rows = {row["name"]: row for row in fields["lenses"]}
+    assert list(rows) == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
+    for (name, row), value in zip(rows.items(), lens, strict=True):
+        assert abs(row["value"] - value) < 4.0 * row["std"], name
 
 
 @dataclass(frozen=True)

@@ -317,7 +317,6 @@ def simulated(path: Path, plan: Path, table: Path) -> dict[str, float]:
 
 SIGMA = 1e-5  # m
 
-
 NOMINAL = """<mujoco model="arm">
   <compiler angle="degree" eulerseq="XYZ" autolimits="true"/>
   <default><joint axis="0 1 0" range="-150 150"/></default>
@@ -347,7 +346,6 @@ NOMINAL = """<mujoco model="arm">
 </mujoco>
 """
 
-
 MJCF_CELL = """schema = 1
 name = "arm"
 [robot]
@@ -363,7 +361,6 @@ sigma_mm = 0.010
 [model]
 effects = ["base", "tool", "geometry"]
 """
-
 
 MARKERS = np.array([[0.1, 0.0, 0.03], [-0.05, 0.09, 0.06], [-0.04, -0.08, 0.1]])
 

@@ -22,11 +22,7 @@ from tests.bad_inputs.run import posecal
 from tests.fuzz.small_cell import put_small_cell
 
 JOINT = r"[/]$\frac$<b>:smile:"
-
-
 MARKER = r"[bold red]../../m1[/bold]$\x$"
-
-
 NAME = r"[/]cell & ${x}"
 
 

@@ -26,13 +26,11 @@ from doe.criteria import CRITERIA, UNASKED
 from studies.cli import COMMANDS, GROUPS, loaded, main
 from studies.command.explain import PAGES, page
 from studies.demo.embedded import embedded_cell
-from studies.research.command_line import heard
 from studies.research.docs_tables import cell_keys, made_anew
 from studies.struck import INSTEAD, remedy
-from tests.studies.command_line import run
+from tests.studies.command_line import heard, run
 
 RUN = "from studies.cli import run; run()"
-
 
 HEAVY = [
     "cvxpy",
@@ -45,7 +43,6 @@ HEAVY = [
     "rich",
     "scipy",
 ]
-
 
 ASKED = [["--help"], ["--version"], ["nonsense"], *([name, "--help"] for name in main.commands)]
 
@@ -190,23 +187,11 @@ def test_columns_and_keys_of_instruments_are_stated() -> None:
 
 
 _CELL_WORDS = 5  # fewer are a name, not a sentence
-
-
 _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
-
-
 _CODE = re.compile(r"`[^`]+`")
-
-
 _LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
-
-
 _MADE = re.compile(r"^<!-- .* -->$", re.MULTILINE)
-
-
 _END = re.compile(r"(?<=[.?!])[\"')*]*\s+(?=[\"'(*]*[A-Z0-9\-]|symbol|posecal)")
-
-
 _WORD = re.compile(r"[A-Za-z0-9][\w'.,/%-]*")
 
 
@@ -269,8 +254,6 @@ def help_texts() -> Iterator[str]:
 
 
 ROOT = Path(__file__).parent.parent.parent
-
-
 README = (ROOT / "README.md").read_text()
 
 

@@ -13,9 +13,9 @@ from typing import Any, TypeAlias
 
 from rich.console import Console
 
+from studies.research.bench import table
 from studies.research.sealed.judge import CONFIDENT, Judgement, judged_or_failed
 from studies.research.sealed.seal import Answered, opened
-from studies.research.tables import table
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MANY = 40  # configurations of a plan from which held-out errors are held against the floor

@@ -72,6 +72,7 @@ def test_the_last_joints_depend_on_the_load_point() -> None:
     assert on_axis.std[8] > 1e3 * far.std[8] or not np.isfinite(on_axis.scatter)
 
 
+@pytest.mark.long
 def test_printed_tables(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elastostatic, "GRID_MM", (range(0, 401, 200),) * 3)
     monkeypatch.setattr(elastostatic, "FINE_MM", range(-50, 51, 50))

@@ -215,7 +215,7 @@ def left_out(
     squares, fits = np.zeros(products.counts.shape), []
     whole = fit(products, model, weights)
     for f in products.folds:
-        out = products.fold == f
-        fits.append(fit(products.take(np.flatnonzero(~out)), model, weights, whole))
-        squares[out] = fits[-1].squares(products.take(np.flatnonzero(out)))
+        rest, out = products.parted(f)
+        fits.append(fit(rest, model, weights, whole))
+        squares[products.fold == f] = fits[-1].squares(out)
     return squares, fits

@@ -85,6 +85,11 @@ class Products:
         """What is left out in turn."""
         return [int(f) for f in np.unique(self.fold)]
 
+    def parted(self, fold: int) -> tuple[Products, Products]:
+        """All but a fold, and the fold."""
+        out = self.fold == fold
+        return self.take(np.flatnonzero(~out)), self.take(np.flatnonzero(out))
+
     @property
     def in_stretches(self) -> bool:
         """Whether parts are stretches of few runs."""

@@ -1,8 +1,8 @@
 """What a robot's file can hold of the terms that were found, and how well torques follow from it.
 
-A file has damping, dry friction and armature of each joint, and links that bodies can have. These are
-fitted anew beside the links: dry friction and damping stand for friction of all other kinds. What belongs
-to sensors, or to no file, is fitted beside them and is not written.
+A file has damping, dry friction and armature, and links that bodies can have. Losses are fitted anew
+beside these links: dry friction and damping stand for friction of all other kinds. What belongs to
+sensors, or to no file, is fitted beside them and is not written.
 """
 
 from __future__ import annotations
@@ -21,15 +21,12 @@ from calib.motion.fit import (
     chosen,
     fit,
     information,
-    left_out,
     rigid_torque,
     sizes_of,
 )
 from calib.motion.gram import LOSSES, Products, Term
 from calib.motion.physical import physical
 from calib.motion.regressor import PER_LINK
-
-_DRY, _DAMPING = "coulomb_friction", "viscous_friction"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,66 +35,48 @@ class Held:
 
     links : ndarray, shape (n, 10), changes of the inertial parameters of each joint's link, SI
     losses : ndarray, shape (n, 3), damping, dry friction and armature, SI
-    open : ndarray of bool, shape (n,), joints whose losses stay, as their torque constant is not known
+    unknown : ndarray of bool, shape (n,), joints whose torque constant is, so that their losses stay
     lacking : kinds that no file holds
     before, after : error of the torque with the file as it was and with what is written, as shares, at
-        held-out runs, or at runs left out in turn; over joints that are not open
+        held-out runs, or at runs left out in turn; over joints that are known
     """
 
     links: Array
     losses: Array
-    open: Mask
+    unknown: Mask
     lacking: tuple[str, ...]
     before: float
     after: float
-
-    @property
-    def better(self) -> bool:
-        """Whether the error fell."""
-        return self.after < self.before
 
 
 def held_by_file(found: MotionDiagnosis, own: Array, heldout: Products | None = None) -> Held:
     """What a file can hold of a diagnosis.
 
-    own : ndarray, shape (n, 10), inertial parameters of the links that may change; NaN where a joint
-        has none
+    own : ndarray, shape (n, 10), inertial parameters of links; NaN of those that may not change
     heldout : of runs that took no part
 
     Raises CalibError where no bodies are near the estimate.
     """
-    state, whole = found.state, found.fit
-    products, model, weights = state.products, whole.model, state.weights
-    constants = torque_constants(state, whole)[:, 0]
-    unknown = np.array(model.scaled) & ~(constants > 0.0)  # NaN is not above
+    model, products = found.fit.model, found.state.products
+    weights, unknown = found.state.weights, np.array(model.scaled)
+    unknown &= ~(torque_constants(found.state, found.fit)[:, 0] > 0.0)  # NaN is not above
+    beside = [tuple(t for t in terms if not _of_file(t[0])) for terms in model.terms]
+    plain = MotionModel(tuple(beside), model.scaled)
+    parts = (
+        [(products, heldout)] if heldout is not None else list(map(products.parted, products.folds))
+    )
+    squares = np.zeros((3, len(own)))
+    for kept, out in parts:
+        made = _refitted(kept, model, weights, own, unknown)[1]
+        each = fit(kept, plain, weights).squares(out), made.squares(out), out.G[:, :, -1, -1]
+        squares += np.sum(each, axis=1)
+    before, after = map(TorqueGap.overall, np.sqrt(squares[:2] / squares[2])[:, ~unknown])
     x, made = _refitted(products, model, weights, own, unknown)
-    beside = [[t for t in terms if not _of_file(t[0])] for terms in model.terms]
-    plain = MotionModel(tuple(map(tuple, beside)), model.scaled)
-    if heldout is not None:
-        tested = heldout
-        first = fit(products, plain, weights).squares(heldout)
-        last = made.squares(heldout)
-    else:
-        tested, (first, _) = products, left_out(products, plain, weights)
-        last = np.zeros_like(first)
-        for f in products.folds:
-            out = np.flatnonzero(products.fold == f)
-            rest = products.take(np.flatnonzero(products.fold != f))
-            last[out] = _refitted(rest, model, weights, own, unknown)[1].squares(products.take(out))
     kinds = {kind for terms in model.terms for kind, _ in terms}
     kinds |= {SCALE} if found.unit == "Nm" and any(model.scaled) else set()
-    return Held(
-        (sizes_of(products) * x).reshape(-1, PER_LINK),
-        _losses(products, made),
-        unknown,
-        tuple(sorted(kinds - {*LOSSES})),
-        *(_overall(squares[:, ~unknown], tested.total[~unknown, -1, -1]) for squares in (first, last)),
-    )
-
-
-def _overall(squares: Array, power: Array) -> float:
-    """Quadratic mean over joints of errors (r, n) as shares of their torques' squares (n,)."""
-    return TorqueGap.overall(np.sqrt(squares.sum(axis=0) / np.where(power > 0.0, power, np.nan)))
+    links = (sizes_of(products) * x).reshape(-1, PER_LINK)
+    lacking = tuple(sorted(kinds - {*LOSSES}))
+    return Held(links, _losses(products, made), unknown, lacking, before, after)
 
 
 def _of_file(kind: str) -> bool:
@@ -108,50 +87,41 @@ def _of_file(kind: str) -> bool:
 def _refitted(
     products: Products, model: MotionModel, weights: Array, own: Array, unknown: Mask
 ) -> tuple[Array, MotionFit]:
-    """Changes of the links that make them bodies, and the fit of the losses beside these."""
-    free = fit(products, model, weights)
-    places = chosen(products, model.inertials)
-    places = places[np.isfinite(np.repeat(own[:, 0], PER_LINK)[places])]
+    """Changes of the links that leave them bodies, and the fit of the losses beside these."""
+    free, places = fit(products, model, weights), chosen(products, model.inertials)
+    places = places[np.isfinite(own.ravel()[places])]
     x = physical(own, sizes_of(products), free.x, information(products, free, weights), places)
     terms, nominal = list(model.terms), rigid_torque(products, x)
+
+    def emptied(j: int, kind: str) -> Term:
+        """The term of a loss, in the place of the file's value."""
+        term = products.columns.variants(j, kind)[-1]
+        nominal[j, products.columns.of(j, term)] = 0.0
+        return term
+
     for j, kept in enumerate(model.terms):
         terms[j] = tuple(t for t in kept if not _of_file(t[0]))
-        for kind in () if unknown[j] else _losses_of(kept):
-            _, terms[j] = _emptied(products, nominal, j, kind), (*terms[j], _loss(products, j, kind))
+        if not unknown[j]:
+            terms[j] += tuple(emptied(j, kind) for kind in _losses_for({kind for kind, _ in kept}))
     while True:
-        plain = MotionModel(tuple(terms), model.scaled)
-        made = fit(replace(products, nominal=nominal), plain, weights)
+        rest = MotionModel(tuple(terms), model.scaled)
+        made = fit(replace(products, nominal=nominal), rest, weights)
         negative = _losses(products, made) < 0.0
         if not negative.any():
             return x, made
         for j in np.flatnonzero(negative.any(axis=1)).tolist():
-            kind = LOSSES[int(negative[j].argmax())]
-            _emptied(products, nominal, j, kind)
-            terms[j] = tuple(t for t in terms[j] if t[0] != kind)
+            out = emptied(j, LOSSES[int(negative[j].argmax())])
+            terms[j] = tuple(t for t in terms[j] if t != out)
 
 
-def _losses_of(terms: tuple[Term, ...]) -> list[str]:
-    """Losses that stand for the terms of a joint."""
-    kinds = {kind for kind, _ in terms}
+def _losses_for(kinds: set[str]) -> list[str]:
+    """Losses that stand for the terms of a joint; those that rub are the ones that a URDF has, too."""
     rubs = any(EFFECTS[kind].sharp for kind in kinds)
-    return [own for own in LOSSES if own in kinds or (rubs and own in (_DRY, _DAMPING))]
-
-
-def _loss(products: Products, joint: int, kind: str) -> Term:
-    """A loss as files have it."""
-    return products.columns.variants(joint, kind)[-1]
-
-
-def _emptied(products: Products, nominal: Array, joint: int, kind: str) -> None:
-    """Take a loss of the robot's file out of the torques (n, K) that it gives."""
-    nominal[joint, products.columns.of(joint, _loss(products, joint, kind))] = 0.0
+    return [loss for loss in LOSSES if loss in kinds or (rubs and EFFECTS[loss].urdf)]
 
 
 def _losses(products: Products, made: MotionFit) -> Array:
     """Damping, dry friction and armature (n, 3), those of the file where they are not fitted."""
-    places = [
-        [int(products.columns.of(j, _loss(products, j, kind))[0]) for kind in LOSSES]
-        for j in range(len(made.g))
-    ]
-    values = -np.take_along_axis(made.combination, np.array(places), axis=1)
-    return np.asarray(values / made.g[:, None])
+    of, joints = products.columns, range(len(made.g))
+    places = [[int(of.of(j, of.variants(j, kind)[-1])[0]) for kind in LOSSES] for j in joints]
+    return np.asarray(-np.take_along_axis(made.combination, np.array(places), 1) / made.g[:, None])

@@ -29,7 +29,7 @@ from calib.motion.physical import pseudo_inertias
 from calib.motion.regressor import TENSOR, nominal_inertials
 
 _FULL = ("xx", "yy", "zz", "xy", "xz", "yz")  # of an MJCF's fullinertia
-_CHANGE_MASSES = ("inertiafromgeom", "settotalmass", "boundmass", "boundinertia", "balanceinertia")
+_IN_BODIES = ".//body//joint"
 
 
 def own_links(robot: Robot) -> tuple[Array, Array]:
@@ -95,7 +95,8 @@ def robot_with(cell: Cell, held: Held, form: Literal["urdf", "mjcf"], target: Pa
 
 def _joints(root: Element, robot: Robot) -> Iterator[tuple[Element, Element]]:
     """The element of each joint, and that of the link or body that it moves."""
-    elements = {element.get("name"): element for element in root.iter("joint")}
+    found = [*root.findall("joint"), *root.findall(_IN_BODIES)]  # not those of defaults and equalities
+    elements = {element.get("name"): element for element in found}
     links = {element.get("name"): element for element in root.findall("link")}
     above = {below: element for element in root.iter() for below in element}
     for name in robot.joints:
@@ -136,13 +137,14 @@ def _own_mjcf(robot: Robot) -> Element:
     """The robot's MJCF. Raises InputError where another file holds the arm, or masses are no masses."""
     path = robot.source.files[0]
     root = read_xml(path, "MJCF")
-    named = {element.get("name") for element in root.iter("joint")}
+    named = {element.get("name") for element in root.findall(_IN_BODIES)}
     if beyond := [name for name in robot.joints if name not in named]:
         what = f"takes joint {beyond[0]!r} from another file"
         raise InputError(path, "", what, "name the file that holds the arm in the cell")
-    for key in (key for own in root.iter("compiler") for key in own.attrib):
-        if key in _CHANGE_MASSES:
-            raise InputError(path, "<compiler>", f"{key} changes masses as written", "remove it")
+    for own in root.iter("compiler"):
+        if own.get("inertiafromgeom") == "true" or "settotalmass" in own.attrib:
+            what = "inertiafromgeom or settotalmass overrules masses that are written"
+            raise InputError(path, "<compiler>", what, "remove it")
     return root
 
 

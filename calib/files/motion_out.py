@@ -95,7 +95,10 @@ def robot_with(cell: Cell, held: Held, form: Literal["urdf", "mjcf"], target: Pa
 
 def _joints(root: Element, robot: Robot) -> Iterator[tuple[Element, Element]]:
     """The element of each joint, and that of the link or body that it moves."""
-    found = [*root.findall("joint"), *root.findall(_IN_BODIES)]  # not those of defaults and equalities
+    found = [
+        *root.findall("joint"),
+        *root.findall(_IN_BODIES),
+    ]  # not those of defaults and equalities
     elements = {element.get("name"): element for element in found}
     links = {element.get("name"): element for element in root.findall("link")}
     above = {below: element for element in root.iter() for below in element}

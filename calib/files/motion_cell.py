@@ -26,7 +26,9 @@ def cell_with_terms(found: MotionDiagnosis, target: Path) -> tuple[str, list[str
     for cause in found.causes:
         places.setdefault(cause.effect, []).append(cause.where)
     added = [
-        kind if kind in (PAYLOAD, INERTIALS) else f"{kind}:{','.join(joints)}"
+        kind
+        if kind in (PAYLOAD, INERTIALS) or len(joints) == found.cell.robot.dof
+        else f"{kind}:{','.join(joints)}"
         for kind, joints in places.items()
     ]
     path = found.cell.path

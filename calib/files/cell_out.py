@@ -75,7 +75,7 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
         parts += [part for _, gone in left for part in gone]
     _write_effects(document, entries)
     _write_knots(document, cell, added)
-    _write_paths(document, cell.path.parent, target.parent)
+    write_paths(document, cell.path.parent, target.parent)
     names = tuple(map(_name, added))
     return Extended(document.as_string(), names, tuple(parts), tuple(refused))
 
@@ -126,7 +126,7 @@ def _write_knots(document: TOMLDocument, cell: Cell, added: Sequence[Effect]) ->
         model["knots_deg"][joint] = np.round(np.degrees(knots), 6).tolist()
 
 
-def _write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
+def write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
     """Name files relative to the new folder; absolute names hold anywhere."""
     for name, key in (*(("robot", form) for form in FORMS), ("design", "targets")):
         table: Any = document.get(name, {})

@@ -100,7 +100,7 @@ def causes_of(
             tuple((name, robot.joints[j], weight * sure) for name, weight in rivals),
             _parameters(state, whole, kind, j), max(grown / excess, 0.0) if excess > 0.0 else 0.0,
         ))  # fmt: skip
-    if state.model.inertials != "none" and (chosen or question.may(INERTIALS, 0)):
+    if state.model.inertials != "none" and (chosen or question.may(state.model.inertials, 0)):
         found.append(_of_links(state, whole, robot, excess))
     return sorted(found, key=lambda cause: -cause.share)
 

@@ -214,7 +214,7 @@ def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
             squares, term = min(better, key=lambda pair: float(pair[0].sum()))
             if state.evidence(own, squares).gain > LEAST and squares.sum() < own.sum():
                 model = given(model, j, term)
-    model = _tuned(state, model, rung)
+    model = tuned(state, model, rung)
     return state if model == state.model else Contest.of(state.products, model)
 
 
@@ -242,7 +242,7 @@ def _variants(state: Contest, joint: int, kind: str) -> list[Term]:
     return [(SCALE, 0.0)] if kind == SCALE else state.products.columns.variants(joint, kind)
 
 
-def _tuned(state: Contest, model: MotionModel, rung: Sequence[str]) -> MotionModel:
+def tuned(state: Contest, model: MotionModel, rung: Sequence[str]) -> MotionModel:
     """The model with the best variant of its kinds."""
     for j, terms in enumerate(model.terms):
         for kind, _ in terms:
@@ -260,16 +260,18 @@ def _with_inertials(state: Contest, question: Question) -> Contest:
 
     A spring does the work of a wrong mass: it leaves for all inertials, and enters again where it must.
     """
-    if state.model.inertials == "inertials" or not question.may("inertials", 0):
+    if state.model.inertials == "inertials":
         return state
     best = state
-    if state.model.inertials == "none":
+    if state.model.inertials == "none" and question.may("payload", 0):
         payload = _freed(state, state.model, "payload")
         best = (
             payload
             if state.evidence(state.pooled, payload.pooled).stands(question.count)
             else state
         )
+    if not question.may("inertials", 0):
+        return best
     model = state.model
     for j in range(len(model.terms)):
         model = taken(model, j, "spring") if question.may("spring", j) else model
@@ -357,7 +359,7 @@ def _reduced(state: Contest, question: Question) -> Contest:
         squares[:, j] = state.of_joint(j, model)
         state = replace(state, model=model, squares=squares)
     state = Contest.of(state.products, state.model)
-    if state.model.inertials != "none" and question.may("inertials", 0):
+    if question.may(state.model.inertials, 0) and state.model.inertials != "none":
         fixed = Contest.of(state.products, replace(state.model, inertials="none"), state.weights)
         if not state.evidence(fixed.pooled, state.pooled).stands(question.count):
             state = fixed

@@ -23,6 +23,7 @@ from calib.motion.contest import (
     Question,
     contest,
     given,
+    tuned,
 )
 from calib.motion.effects import INERTIALS, KINDS, NAMES, PAYLOAD, SCALE
 from calib.motion.encoders import GearFit, gear_fits
@@ -132,8 +133,10 @@ def identify_motions(
     nothing = replace(user, terms=((),) * cell.robot.dof, inertials="none",
                       scaled=(motions.unit == "A",) * cell.robot.dof)  # fmt: skip
     everything = replace(question, kept=(frozenset[str](),) * cell.robot.dof)
-    return _concluded(cell, motions, heldout, everything, Contest.of(found, nothing),
-                      Contest.of(found, user), chosen=True)  # fmt: skip
+    state = Contest.of(found, user)
+    state = Contest.of(found, tuned(state, user, NAMES))
+    return _concluded(cell, motions, heldout, everything, Contest.of(found, nothing), state,
+                      chosen=True)  # fmt: skip
 
 
 def products_of(cell: Cell, motions: Motions, whole: bool = False) -> Products:
@@ -160,7 +163,7 @@ def _asked(cell: Cell, motions: Motions, found: Products) -> tuple[MotionModel, 
         if kind in (PAYLOAD, INERTIALS):
             model = replace(model, inertials="payload" if kind == PAYLOAD else "inertials")
             for own in kept:
-                own.add(INERTIALS)
+                own |= {PAYLOAD, INERTIALS}
             continue
         for where in places:
             if where not in cell.robot.joints:
@@ -182,7 +185,8 @@ def _excluded(cell: Cell) -> list[tuple[str, int]]:
     joints, found = cell.robot.joints, []
     for text in cell.motion.excluded:
         kind, _, where = text.partition(":")
-        found += [(kind, j) for j, name in enumerate(joints) if not where or name == where]
+        of_links = kind in (PAYLOAD, INERTIALS)
+        found += [(kind, j) for j, name in enumerate(joints) if of_links or where in ("", name)]
     return found
 
 

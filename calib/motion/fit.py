@@ -123,6 +123,30 @@ def _step(
     x: Array,
 ) -> tuple[Array, Array, tuple[Array, ...]]:
     """One step of Gauss-Newton, the terms of each joint eliminated first."""
+    free, _ = inertials
+    A, rhs, parts = _normal(products, model, weights, inertials, g, x)
+    step = np.linalg.solve(A, rhs) if len(free) else rhs
+    x = x.copy()
+    x[free] += step
+    b, g = [], g.copy()
+    for j, (to_local, of_r) in enumerate(parts):
+        local = of_r - to_local @ step
+        if model.scaled[j]:
+            g[j] = local[0]
+            local = local[1:]
+        b.append(local)
+    return g, x, tuple(b)
+
+
+def _normal(
+    products: Products,
+    model: MotionModel,
+    weights: Array,
+    inertials: tuple[IntArray, Array],
+    g: Array,
+    x: Array,
+) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+    """Normal equations of the inertials, and what the terms of each joint are by these."""
     free, S = inertials
     n, K = len(g), products.columns.width
     torque = rigid_torque(products, x)
@@ -146,17 +170,17 @@ def _step(
         A += weights[j] * (D.T @ GD - (GL.T @ D).T @ to_local)
         rhs += weights[j] * (GD.T @ r - (GL.T @ D).T @ of_r)
         parts.append((to_local, of_r))
-    step = np.linalg.solve(A, rhs) if len(free) else rhs
-    x = x.copy()
-    x[free] += step
-    b, g = [], g.copy()
-    for j, (to_local, of_r) in enumerate(parts):
-        local = of_r - to_local @ step
-        if model.scaled[j]:
-            g[j] = local[0]
-            local = local[1:]
-        b.append(local)
-    return g, x, tuple(b)
+    return A, rhs, parts
+
+
+def information(products: Products, found: MotionFit, weights: Array) -> Array:
+    """Of the inertials that are free, the ridge's with it and the terms eliminated, shape (f, f).
+
+    Scales are held: with them free, smaller links seem to be nearer to any others.
+    """
+    inertials = chosen(products, found.model.inertials), sizes_of(products)
+    model = replace(found.model, scaled=(False,) * len(found.g))
+    return _normal(products, model, weights, inertials, found.g, found.x)[0]
 
 
 def _inverse(A: Array) -> Array:
@@ -191,7 +215,7 @@ def left_out(
     squares, fits = np.zeros(products.counts.shape), []
     whole = fit(products, model, weights)
     for f in products.folds:
-        out = products.fold == f
-        fits.append(fit(products.take(np.flatnonzero(~out)), model, weights, whole))
-        squares[out] = fits[-1].squares(products.take(np.flatnonzero(out)))
+        rest, out = products.parted(f)
+        fits.append(fit(rest, model, weights, whole))
+        squares[products.fold == f] = fits[-1].squares(out)
     return squares, fits

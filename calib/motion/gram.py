@@ -22,7 +22,8 @@ from calib.motion.regressor import PER_LINK, nominal_inertials, regressor
 
 Term: TypeAlias = tuple[str, float]
 """A kind of effect and its variant."""
-_LOSSES = ("viscous_friction", "coulomb_friction", "armature")  # as the robot's file has them
+LOSSES = ("viscous_friction", "coulomb_friction", "armature")
+"""Kinds that a robot's file has, in the order of its losses."""
 _CHUNK = 20_000  # rows at a time
 
 
@@ -84,6 +85,11 @@ class Products:
         """What is left out in turn."""
         return [int(f) for f in np.unique(self.fold)]
 
+    def parted(self, fold: int) -> tuple[Products, Products]:
+        """All but a fold, and the fold."""
+        out = self.fold == fold
+        return self.take(np.flatnonzero(~out)), self.take(np.flatnonzero(out))
+
     @property
     def in_stretches(self) -> bool:
         """Whether parts are stretches of few runs."""
@@ -142,7 +148,7 @@ def products(
     nominal = np.tile(np.pad(links, (0, columns.width - len(links))), (robot.dof, 1))
     if robot.losses is not None:
         for j, losses in enumerate(robot.losses.tolist()):
-            for kind, loss in zip(_LOSSES, losses, strict=True):
+            for kind, loss in zip(LOSSES, losses, strict=True):
                 if loss:
                     nominal[j, columns.of(j, columns.variants(j, kind)[-1])] += loss
     by_kind = {kind.kind: kind for kind in kinds}

@@ -23,7 +23,8 @@ from calib.arrays import Array
 
 PER_LINK = 10
 """Inertial parameters of a link: m, m c (3), Ixx, Ixy, Ixz, Iyy, Iyz, Izz."""
-_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Where the last six stand in the inertia."""
 _CHUNK = 20_000  # rows at a time
 
 
@@ -31,7 +32,7 @@ def nominal_inertials(robot: Robot) -> Array:
     """Inertial parameters of the robot's file, shape (n, 10), SI."""
     inertias = np.zeros((robot.dof, 3, 3)) if robot.inertias is None else robot.inertias
     about = inertias + robot.masses[:, None, None] * steiner(robot.coms)
-    tensor = np.stack([about[:, i, j] for i, j in _TENSOR], axis=1)
+    tensor = np.stack([about[:, i, j] for i, j in TENSOR], axis=1)
     return np.concatenate(
         [robot.masses[:, None], robot.masses[:, None] * robot.coms, tensor], axis=1
     )
@@ -98,7 +99,7 @@ def _unit_wrenches(R: Array, w: Array, dw: Array, acceleration: Array) -> tuple[
     moment[..., 1:4] = -skew(acceleration) @ R
     to_link = np.swapaxes(R, -1, -2)
     speed, change = ((to_link @ own[..., None])[..., 0] for own in (w, dw))
-    for p, (i, j) in enumerate(_TENSOR):
+    for p, (i, j) in enumerate(TENSOR):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
         local = change @ unit + np.cross(speed, speed @ unit)

@@ -10,7 +10,7 @@ import click
 
 from studies.command import options
 from studies.command.call import Call, working
-from studies.command.motion import deliver_motions
+from studies.command.motion import Form, deliver_motions, mjcf
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
@@ -28,10 +28,12 @@ _SECONDS = 50e-3  # a reading, as studies.research.speed measures
 @options.holdout
 @click.option("--plan-only", is_flag=True, help="DATA is a plan. Say what its poses can detect.")
 @options.value("--cell-out", "FILE", "Write the cell with the causes in its model, for the next run.")
+@options.value("--urdf urdf_path", "OUT", "Write the robot with links and friction, of motions.")
+@mjcf
 @options.result()
 def diagnose(
     call: Call, cell_path: Path, data_path: Path, holdout: str | None, plan_only: bool,
-    cell_out: Path | None,
+    cell_out: Path | None, urdf_path: Path | None, mjcf_path: Path | None,
 ) -> None:
     """Find the causes of the error that the cell's model and the noise do not explain.
 
@@ -61,8 +63,12 @@ def diagnose(
         foresee_plan(call, cell, data_path)
         return
     if holds_motions(data_path):
-        deliver_motions(call, cell, data_path, holdout, "diagnose", **{"--cell-out": cell_out})
+        outputs: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
+        deliver_motions(call, cell, data_path, holdout, "diagnose", outputs, cell_out)
         return
+    if urdf_path or mjcf_path:
+        what, remedy = "go with motions", "use identify --urdf for points"
+        raise InputError("--urdf and --mjcf", "", what, remedy)
     with working(f"reading {data_path.name}"):
         day = read_session(cell, data_path, holdout, call.seed)
     inputs = [cell.path, *cell.robot_files, data_path, *day.files]

@@ -9,7 +9,7 @@ import click
 
 from studies.command import options
 from studies.command.call import Call, working
-from studies.command.motion import deliver_motions
+from studies.command.motion import Form, deliver_motions, mjcf
 from studies.command.session import read_session
 
 if TYPE_CHECKING:
@@ -34,14 +34,16 @@ _SECONDS = 0.8e-3  # a reading, as studies.research.speed measures
 @options.value("--length-mm", "MM", "Length that converts rotations to mm in the plain weighting.",
                options.Finite(min=1e-3, max=1e6), default=1000.0, show_default=True)
 @options.value("--urdf urdf_path", "OUT",
-               "Write the robot with the identified geometry and the markers.")
+               "Write the robot with the identified geometry and the markers, "
+               "or of motions with links and friction.")
+@mjcf
 @options.value("--zero-offsets zeros_path", "OUT",
                "Write joint offsets alone, for a plain controller.")
 @options.result()
 def identify(
     call: Call, cell_path: Path, data_path: Path, holdout: str | None, approach: Approach,
     method: Method, weighting: Weighting, length_mm: float, urdf_path: Path | None,
-    zeros_path: Path | None,
+    zeros_path: Path | None, mjcf_path: Path | None,
 ) -> None:
     """Identify the effects in the cell's [model] from measured points.
 
@@ -53,6 +55,7 @@ def identify(
       posecal identify cell.toml measurements.csv --holdout 0.3 --json result.json
     """
     import calib
+    from calib.errors import InputError
     from calib.files.motions import holds_motions
     from calib.poses.moves import thinned
     from studies.command.robots import robot_files
@@ -60,9 +63,12 @@ def identify(
 
     cell = calib.load_cell(cell_path)
     if holds_motions(data_path):
-        poses_only = {"--urdf": urdf_path, "--zero-offsets": zeros_path}
-        deliver_motions(call, cell, data_path, holdout, "identify", **poses_only)
+        outputs: dict[Form, Path | None] = {"urdf": urdf_path, "mjcf": mjcf_path}
+        refused = {"--zero-offsets": zeros_path}
+        deliver_motions(call, cell, data_path, holdout, "identify", outputs, **refused)
         return
+    if mjcf_path is not None:
+        raise InputError("--mjcf", "", "goes with motions", "use --urdf for points")
     with working(f"reading {data_path.name}"):
         day = read_session(cell, data_path, holdout, call.seed)
     inputs = [cell.path, *cell.robot_files, data_path, *cell.named_files, *day.files]

@@ -1,10 +1,10 @@
-"""``posecal import``: points of an instrument and joints of a controller, joined into one table."""
+"""``posecal import``: points and joints joined into one table, or recordings of joints as one."""
 
 from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -18,28 +18,47 @@ _OF_PLANS = ("order", "level", "weight")  # columns that say nothing of a readin
 _SHOWN = 5  # names in one line
 
 
+# fmt: off
 @click.command("import")
-@click.argument("points", metavar="POINTS", type=options.PATH)
-@options.value("--joints joints_path", "FILE", "Joints of each pose: pose,A1_deg,..", required=True)
+@click.argument("given", metavar="POINTS|BAG..", type=options.PATH, nargs=-1, required=True)
+@options.value("--joints joints_path", "FILE", "Joints of each pose of POINTS: pose,A1_deg,..")
 @options.value(
     "-o --output table_path", "TABLE", "Write the joined table to this file.", required=True
 )
+@options.value("--session", "NAME", "Of a bag: name of the run, in place of the bag's.", str)
+@options.value("--topic", "NAME", "Of bags: where they have several topics of joints.", str)
+@options.value("--slides", "A,B", "Of bags: joints that slide.", str, default="")
+@options.choice("--effort", ("Nm", "A"), "Of bags: what the effort is, torques or currents.")
 @options.result(figures=False, seed=False)
-def import_(call: Call, points: Path, joints_path: Path, table_path: Path) -> None:
-    """Join a table of measured points with a table of the joints of their poses.
+def import_(
+    call: Call, given: tuple[Path, ...], joints_path: Path | None, table_path: Path,
+    session: str | None, topic: str | None, slides: str, effort: Literal["Nm", "A"],
+) -> None:
+    """Join a table of measured points with a table of the joints of their poses, or read bags.
 
     POINTS is a CSV with the columns pose, marker and x_mm, y_mm, z_mm (or what else an instrument
     reads). The poses must have the same names in both files.
 
     The order of the joint file is taken as the order of measurement.
 
+    BAG is a recording of ROS 2 (its folder, db3 or mcap) with sensor_msgs/JointState: a run of motions.
+
     \b
     Example:
       posecal import points.csv --joints joints.csv -o measurements.csv
+      posecal import monday tuesday -o motion.csv
     """
+    from calib.errors import InputError
     from calib.files.csv_table import csv_text
     from studies.results.written import ImportResult
 
+    points = given[0]
+    if points.is_dir() or points.suffix in (".db3", ".mcap"):
+        _import_bags(call, given, table_path, session, topic, slides, effort)
+        return
+    if joints_path is None or len(given) > 1:
+        what = "is one table of points, which needs --joints"
+        raise InputError(points, "", what, "add it, or name folders of bags")
     inputs = [points, joints_path]
     call.check(inputs, table_path)
     columns, rows, joint_columns = joined(points, joints_path)
@@ -51,6 +70,41 @@ def import_(call: Call, points: Path, joints_path: Path, table_path: Path) -> No
         columns=tuple(columns),
         joint_columns=tuple(joint_columns),
     )
+    call.deliver(result, {table_path: csv_text(columns, rows)})
+
+
+# fmt: on
+def _import_bags(
+    call: Call,
+    bags: tuple[Path, ...],
+    table_path: Path,
+    session: str | None,
+    topic: str | None,
+    slides: str,
+    effort: Literal["Nm", "A"],
+) -> None:
+    """Read recordings of joints as one table of motions."""
+    from calib.errors import InputError
+    from calib.files.bag import files_of, motion_columns, read_bag
+    from calib.files.csv_table import csv_text
+    from studies.results.written import ImportResult
+
+    if session is not None and len(bags) > 1:
+        raise InputError("--session", "", "names one run", "leave it out, or import one bag")
+    inputs = [file for bag in bags for file in files_of(bag)]
+    call.check(inputs, table_path)
+    read = [read_bag(bag, topic) for bag in bags]
+    for own in read:
+        if own.joints != read[0].joints:
+            what = f"its joints are not those of {read[0].path}"
+            raise InputError(own.path, "", what, "import each robot by itself")
+    columns = motion_columns(read[0].joints, slides.split(",") if slides else [], effort)
+    rows = [[session or own.name, *line] for own in read for line in own.lines]
+    result = ImportResult(
+        **call.envelope("", inputs), warnings=tuple(text for own in read for text in own.warnings),
+        poses=0, points=len(rows), markers={}, columns=tuple(columns),
+        runs={session or own.name: len(own.lines) for own in read}, joint_columns=read[0].joints,
+    )  # fmt: skip
     call.deliver(result, {table_path: csv_text(columns, rows)})
 
 

@@ -59,7 +59,7 @@ class InitResult(Result):
 
 
 class ImportResult(Result):
-    """Points and joints as one table; markers : name -> points."""
+    """Points and joints as one table; markers : name -> points; runs : of motions, name -> rows."""
 
     of_one_cell: ClassVar[bool] = False
     command: Literal["import"] = "import"
@@ -68,6 +68,7 @@ class ImportResult(Result):
     markers: dict[str, Count]
     columns: tuple[str, ...]
     joint_columns: tuple[str, ...] = ()
+    runs: dict[str, Count] = Field(default_factory=dict)
 
 
 class ProgramResult(Result):

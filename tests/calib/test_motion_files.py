@@ -1,0 +1,324 @@
+"""Files of motions: the robot that is written against MuJoCo and Pinocchio, the cell, and bags."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import calib
+from calib import Cell
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.errors import InputError
+from calib.files.bag import read_bag
+from calib.files.motion_cell import cell_with_terms
+from calib.files.motion_out import own_links, robot_with
+from calib.files.motions import load_motions
+from calib.motion.diagnose import MotionDiagnosis, diagnose_motions
+from calib.motion.effects import PAYLOAD
+from calib.motion.fit import sizes_of
+from calib.motion.held import Held, held_by_file
+from calib.motion.physical import physical, pseudo_inertias
+from calib.motion.regressor import nominal_inertials, regressor
+from studies.cli import main
+from tests.calib.test_motion import arm, cell_of, day, fourier, real_cell, torques
+
+TRUTH = {"j2": 'armature=".6" damping="4"', "j1": 'frictionloss="2"', "mass": 7.5}
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> MotionDiagnosis:
+    folder = tmp_path_factory.mktemp("arm")
+    plain, truth = arm(folder), arm(folder, **TRUTH)
+    cell = cell_of(plain)
+    return diagnose_motions(cell, day(truth, cell.robot, 6, 1))
+
+
+def by_hand(robot: Robot, held: Held, links: Array, gravity: Array, *motion: Array) -> Array:
+    """Torques of links, damping and armature, dry friction apart; all that inverse dynamics has."""
+    q, v, a = motion
+    rigid = regressor(robot, q, v, a, gravity) @ links.ravel()
+    return np.asarray(rigid + held.losses[:, 0] * v + held.losses[:, 2] * a)
+
+
+def masses_are_those_of_bodies(path: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(path))
+    moving = model.body_mass > 0.0
+    principal = np.sort(model.body_inertia[moving])
+    assert (principal > 0.0).all()
+    assert (principal[:, 0] + principal[:, 1] > principal[:, 2]).all()
+
+
+def test_the_mjcf_gives_the_torques_of_the_fit(found: MotionDiagnosis, tmp_path: Path) -> None:
+    """The user's own file: MuJoCo's inverse dynamics, at a motion that took no part."""
+    cell = found.cell
+    own, _ = own_links(cell.robot)
+    held = held_by_file(found, own)
+    assert held.after < 0.2 * held.before
+    path = tmp_path / "out.xml"
+    path.write_text(robot_with(cell, held, "mjcf", path).text)
+    _, *motion = fourier(np.random.default_rng(50), 4)
+    expected = by_hand(cell.robot, held, own + held.links, cell.gravity, *motion)
+    expected += held.losses[:, 1] * np.sign(motion[1])
+    got = torques(path, *motion)
+    assert np.abs(got - expected).max() < 1e-6 * np.abs(expected).max()
+    assert held.losses[1, 0] == pytest.approx(4.0, rel=0.05)
+    assert held.losses[1, 2] == pytest.approx(0.6, rel=0.1)
+    assert held.losses[0, 1] == pytest.approx(2.0, rel=0.05)
+    masses_are_those_of_bodies(path)
+    again = load = Robot.from_mjcf(path, "base", "tip")
+    assert again.losses is not None
+    assert np.allclose(load.losses, held.losses, rtol=1e-12)  # type: ignore[arg-type]
+
+
+def real(folder: Path) -> tuple[Cell, MotionDiagnosis]:
+    """An UR10e whose free estimate is no set of bodies."""
+    cell = real_cell(folder, "ur10e_motion", "base_link", "tool0", 8.0)
+    motions = load_motions(cell, cell.robot.source.files[0].with_name("motion.csv"))
+    cell = replace(cell, motion=replace(cell.motion, effects=(
+        "coulomb_friction", "viscous_friction", "armature", "pre_sliding", "inertials",
+    )))  # fmt: skip
+    result = calib.identify(cell, motions)
+    assert isinstance(result, MotionDiagnosis)
+    return cell, result
+
+
+def test_a_real_arm_is_written_as_bodies_that_give_its_torques(tmp_path: Path) -> None:
+    cell, result = real(tmp_path)
+    own, _ = own_links(cell.robot)
+    links = nominal_inertials(cell.robot)
+    free = links + (sizes_of(result.state.products) * result.fit.x).reshape(-1, 10)
+    assert np.linalg.eigvalsh(pseudo_inertias(free)).min() < 0.0
+    held = held_by_file(result, own)
+    assert held.after < 0.15 < held.before
+    assert (np.linalg.eigvalsh(pseudo_inertias(links + held.links)) > 0.0).all()
+    assert (held.losses >= 0.0).all()
+    assert held.lacking == ("pre_sliding",)
+    _, *motion = fourier(np.random.default_rng(51), 6)
+    expected = by_hand(cell.robot, held, links + held.links, cell.gravity, *motion)
+
+    bare = tmp_path / "out.xml"
+    bare.write_text(robot_with(cell, held, "mjcf", bare).text)
+    dry = held.losses[:, 1] * np.sign(motion[1])
+    assert np.abs(torques(bare, *motion) - expected - dry).max() < 1e-6 * np.abs(expected).max()
+    masses_are_those_of_bodies(bare)
+
+    urdf = tmp_path / "out.urdf"
+    made = robot_with(cell, held, "urdf", urdf)
+    urdf.write_text(made.text)
+    assert any("armature" in line for line in made.lacks)
+    robot = Robot.from_urdf(urdf, "base_link", "tool0")
+    assert np.allclose(nominal_inertials(robot), links + held.links, rtol=1e-9, atol=1e-12)
+    assert np.allclose(robot.origins, cell.robot.origins)
+    assert robot.losses is not None
+    assert np.allclose(robot.losses[:, :2], held.losses[:, :2])
+
+    pinocchio = pytest.importorskip("pinocchio")
+    model = pinocchio.buildModelFromUrdf(str(urdf))
+    model.armature = held.losses[:, 2]
+    model.gravity.linear = cell.gravity
+    data, got = model.createData(), []
+    for q, v, a in zip(*motion, strict=True):
+        got.append(pinocchio.rnea(model, data, q, v, a) + held.losses[:, 0] * v)
+    assert np.abs(np.array(got) - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_the_nearest_bodies_leave_what_is_one() -> None:
+    """A link that is a body stays; one that is none comes to the cone's edge, as near as any."""
+    rng, sizes = np.random.default_rng(2), np.tile([2.0, *[0.6] * 3, *[0.18] * 6], 2)
+    links = np.array([[2.0, 0.1, 0.0, 0.2, 0.1, 0.0, 0.0, 0.1, 0.0, 0.1]] * 2)
+    root = rng.normal(size=(20, 20))
+    H, free = root @ root.T + np.eye(20), np.arange(20)
+    small = rng.normal(size=20) * 1e-3
+    assert np.allclose(physical(links, sizes, small, H, free), small, atol=1e-12)
+    large = np.where(free == 17, -1.0, 0.0)  # Iyy of the second link below zero
+    found = physical(links, sizes, large, H, free)
+    edge = np.linalg.eigvalsh(pseudo_inertias(links + (sizes * found).reshape(2, 10)))
+    assert 0.0 < edge.min() < 1e-4
+    missed = (found - large) @ H @ (found - large)
+    for _ in range(200):  # no other body is nearer
+        other = found + rng.normal(size=20) * 0.02
+        if np.linalg.eigvalsh(pseudo_inertias(links + (sizes * other).reshape(2, 10))).min() > 1e-6:
+            assert (other - large) @ H @ (other - large) > missed - 1e-6
+    held = physical(links, sizes, large, H, free[:10])
+    assert not held[10:].any()
+
+
+def test_joints_of_one_body_have_one_link(tmp_path: Path) -> None:
+    """The first of two joints of a body moves nothing that can change; the second moves the body."""
+    path = tmp_path / "two.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="base"><body name="a"><joint name="x" axis="1 0 0"/>
+        <joint name="y" axis="0 1 0" pos="0 0 .1"/><inertial pos="0 0 .3" mass="2"
+        diaginertia=".1 .1 .1"/><site name="tip"/></body></body></worldbody></mujoco>"""
+    )
+    links, frames = own_links(Robot.from_mjcf(path, "base", "tip"))
+    assert np.isnan(links[0]).all()
+    assert links[1, :4] == pytest.approx([2.0, 0.0, 0.0, 0.4])
+    assert frames[1, :3, 3] == pytest.approx([0.0, 0.0, -0.1])
+
+
+CELL = """schema = 1  # a comment
+[robot]
+mjcf = "{}"
+base = "base"
+tip = "tip"
+[model]
+effects = ["torque_offset:j3"]  # kept
+"""
+
+
+def test_the_cell_takes_the_terms_up(found: MotionDiagnosis, tmp_path: Path) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(CELL.format(found.cell.robot.source.files[0]))
+    cell = calib.load_cell(path)
+    text, added = cell_with_terms(replace(found, cell=cell), tmp_path / "next.toml")
+    assert "# a comment" in text
+    assert "# kept" in text
+    assert {"armature:j2", "viscous_friction:j2", "coulomb_friction:j1"} <= {*added}
+    (tmp_path / "next.toml").write_text(text)
+    assert calib.load_cell(tmp_path / "next.toml").motion.effects == ("torque_offset:j3", *added)
+
+
+@pytest.mark.parametrize("excluded", ["payload", "inertials"])
+def test_what_the_cell_excludes_takes_no_part(tmp_path: Path, excluded: str) -> None:
+    path = tmp_path / "cell.toml"
+    path.write_text(CELL.format(arm(tmp_path)) + f'[diagnosis]\nexclude = ["{excluded}"]\n')
+    cell = calib.load_cell(path)
+    truth = tmp_path / "truth.xml"
+    truth.write_text(arm(tmp_path).read_text().replace('mass="1"', 'mass="2"'))
+    kinds = {own.effect for own in diagnose_motions(cell, day(truth, cell.robot, 6, 4)).causes}
+    assert excluded not in kinds
+    assert kinds & {PAYLOAD, "inertials", "spring"}
+
+
+def test_commands_write_the_robot_and_the_cell(found: MotionDiagnosis, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.toml"
+    cell.write_text(CELL.format(found.cell.robot.source.files[0]))
+    plain, truth = found.cell.robot.source.files[0], arm(tmp_path, **TRUTH)
+    table = motion_table(tmp_path, truth, Robot.from_mjcf(plain, "base", "tip"))
+    out = [str(tmp_path / name) for name in ("out.urdf", "out.xml", "next.toml")]
+    options = ["--urdf", out[0], "--mjcf", out[1], "--cell-out", out[2]]
+    said = CliRunner().invoke(main, ["diagnose", str(cell), str(table), *options])
+    assert said.exit_code == 0, said.output
+    assert "with the file as it was" in said.output
+    assert "made anew from the MJCF" in said.output
+    assert Robot.from_urdf(out[0], "base", "tip").losses is not None
+    again = ["identify", out[2], str(table), "--mjcf", out[1]]
+    said = CliRunner().invoke(main, again)
+    assert said.exit_code == 0, said.output
+    # Of the true arm nothing is missing, and nothing is written.
+    cell.write_text(CELL.format(truth))
+    said = CliRunner().invoke(
+        main, ["diagnose", str(cell), str(table), "--mjcf", str(tmp_path / "no")]
+    )
+    assert "is not written" in said.output
+    assert not (tmp_path / "no").exists()
+
+
+def motion_table(folder: Path, truth: Path, robot: Robot) -> Path:
+    head = ["session", "time_s", *(f"{j}_rad" for j in robot.joints)]
+    head += [f"{j}_Nm" for j in robot.joints]
+    rows = [
+        ",".join([run.name, *(f"{x:.8g}" for x in (t, *q, *e))])
+        for run in day(truth, robot, 6, 1).runs
+        for t, q, e in zip(run.time, run.q, run.effort, strict=True)
+    ]
+    path = folder / "motion.csv"
+    path.write_text("\n".join([",".join(head), *rows]) + "\n")
+    return path
+
+
+# -- bags ----------------------------------------------------------------------------------------
+
+
+def bag(folder: Path, name: str, kind: str, *, effort: bool = True, stamped: bool = True,
+        topics: tuple[str, ...] = ("/joint_states",), rows: int = 60) -> Path:  # fmt: skip
+    """A recording of two joints at 100 Hz, written by the library; and messages of a gripper."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    store, path = get_typestore(Stores.ROS2_HUMBLE), folder / name
+    State, Header, Time = (
+        store.types[own]
+        for own in (
+            "sensor_msgs/msg/JointState",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
+    )
+    plugin = getattr(rosbag2.StoragePlugin, kind.upper())
+    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as writer:
+        for topic in topics:
+            connection = writer.add_connection(topic, State.__msgtype__, typestore=store)
+            for i in range(rows):
+                stamp = Time(1_700_000_000 * stamped, 10_000_000 * i * stamped)
+                joints, values = ["j1", "j2"], np.array([np.sin(0.3 * i), 0.5])
+                if i == 7:
+                    joints = ["finger"]
+                    values = values[:1]
+                force = -2.0 * values if effort else np.array([])
+                message = State(Header(stamp, ""), joints, values, values, force)
+                data = store.serialize_cdr(message, State.__msgtype__)
+                writer.write(connection, 1_700_000_000_000_000_000 + 10_000_000 * i, data)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
+def test_bags_become_runs(tmp_path: Path, kind: str) -> None:
+    bags = [bag(tmp_path, name, kind) for name in ("monday", "tuesday")]
+    table = tmp_path / "motion.csv"
+    said = CliRunner().invoke(main, ["import", *map(str, bags), "-o", str(table)])
+    assert said.exit_code == 0, said.output
+    assert "1 messages about other joints" in said.output
+    lines = table.read_text().splitlines()
+    assert lines[0] == "session,time_s,j1_rad,j2_rad,j1_Nm,j2_Nm"
+    assert len(lines) == 1 + 2 * 59
+    name, time, *values = lines[3].split(",")
+    assert (name, float(time)) == ("monday", 0.02)
+    expected = [np.sin(0.6), 0.5, -2.0 * np.sin(0.6), -1.0]
+    assert [float(value) for value in values] == pytest.approx(expected)
+
+
+def test_a_bag_of_slides_and_currents_by_one_file(tmp_path: Path) -> None:
+    file = next(bag(tmp_path, "one", "mcap").glob("*.mcap"))
+    table = tmp_path / "motion.csv"
+    options = ["--slides", "j2", "--effort", "A", "--session", "first", "-o", str(table)]
+    said = CliRunner().invoke(main, ["import", str(file), *options])
+    assert said.exit_code == 0, said.output
+    head, first, *_ = table.read_text().splitlines()
+    assert head == "session,time_s,j1_rad,j2_m,j1_A,j2_A"
+    assert first.startswith("first,0.000000000,")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"effort": False}, "without a position and an effort"),
+        ({"stamped": False}, "no stamps"),
+        ({"topics": ("/a", "/b")}, "has joints under /a, /b; name one by --topic"),
+        ({"topics": ()}, "has no sensor_msgs/msg/JointState"),
+    ],
+)
+def test_faults_of_bags_are_one_line(tmp_path: Path, change: dict[str, bool], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read_bag(bag(tmp_path, "b", "mcap", **change))  # type: ignore[arg-type]
+
+
+def test_what_is_no_bag_and_a_missing_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "b.mcap"
+    file.write_bytes(b"nothing of the kind")
+    with pytest.MonkeyPatch.context() as without:
+        without.setitem(__import__("sys").modules, "rosbags.highlevel", None)
+        with pytest.raises(InputError, match="needs rosbags, which is not installed"):
+            read_bag(file)
+    pytest.importorskip("rosbags")
+    with pytest.raises(InputError, match="cannot be read as a bag"):
+        read_bag(file)

@@ -12,7 +12,7 @@ import pytest
 from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate, candidates
-from calib.diagnosis.causes import NameEvidence
+from calib.diagnosis.causes import NameEvidence, Standing, VerdictName, verdict_of
 from calib.diagnosis.columns import candidate_set
 from calib.diagnosis.compressed import Block, CompressedColumns
 from calib.diagnosis.conditional import Conditional, Curvature
@@ -20,6 +20,7 @@ from calib.diagnosis.equivalence import classes
 from calib.diagnosis.functions import neighbours
 from calib.diagnosis.gate import CrossValidation
 from calib.diagnosis.regression import RegressionProblem
+from calib.diagnosis.rest import Kind, Rest
 from calib.diagnosis.search import fitted
 from calib.diagnosis.selection import lower_states, selection, start
 from calib.diagnosis.serial import chance_of_run, scattered, smooth_run
@@ -370,3 +371,27 @@ def test_weights_of_names_are_found_again() -> None:
     A = np.column_stack([np.ones(4000), rng.normal(size=(4000, 2))])
     right = (rng.random(4000) < name_chance(A, truth)).astype(float)
     assert name_weights(A, right, (0.0, 1.0, 1.0)) == pytest.approx(truth, abs=0.2)
+
+
+# -- The verdict follows from what is established and what remains
+
+VERDICTS: list[tuple[tuple[Standing, ...], bool, Kind, VerdictName]] = [
+    ((), False, "none", "no_gap"),
+    ((), True, "none", "unknown"),
+    ((), False, "structure", "unknown"),
+    (("established", "established"), False, "scatter", "explained"),
+    (("established",), True, "none", "partly"),
+    (("established",), False, "structure", "partly"),
+    (("established",), False, "too_large", "partly"),
+    (("established", "one_of"), False, "none", "ambiguous"),
+    (("one_of",), False, "structure", "ambiguous"),
+    (("likely", "likely"), False, "none", "unknown"),
+]
+
+
+@pytest.mark.parametrize(("standings", "more", "kind", "verdict"), VERDICTS)
+def test_the_verdict_follows(
+    standings: tuple[Standing, ...], more: bool, kind: Kind, verdict: VerdictName
+) -> None:
+    rest = Rest(1e-5, kind, "model", 3e-5, "assumed")
+    assert verdict_of(standings, more, rest) == verdict

@@ -65,7 +65,9 @@ def robot_with(cell: Cell, held: Held, form: Literal["urdf", "mjcf"], target: Pa
     anew = robot.source.form != form
     if anew:
         own, frames = nominal_inertials(robot), np.tile(np.eye(4), (robot.dof, 1, 1))
-        lacks.append(f"is made anew from the {robot.source}: the bare chain, without shapes")
+        lacks.append(
+            f"is made anew from the {robot.source}: the bare chain, without shapes and couplings"
+        )
     if form == "mjcf":
         root = _bare_mjcf(robot, cell.gravity) if anew else _own_mjcf(robot)
     elif anew:

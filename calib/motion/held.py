@@ -38,7 +38,7 @@ class Held:
     unknown : ndarray of bool, shape (n,), joints whose torque constant is, so that their losses stay
     lacking : kinds that no file holds
     before, after : error of the torque with the file as it was and with what is written, as shares, at
-        held-out runs, or at runs left out in turn; over joints that are known
+        held-out runs, or at runs left out in turn; over joints that are known, if any is
     """
 
     links: Array
@@ -70,7 +70,8 @@ def held_by_file(found: MotionDiagnosis, own: Array, heldout: Products | None = 
         made = _refitted(kept, model, weights, own, unknown)[1]
         each = fit(kept, plain, weights).squares(out), made.squares(out), out.G[:, :, -1, -1]
         squares += np.sum(each, axis=1)
-    before, after = map(TorqueGap.overall, np.sqrt(squares[:2] / squares[2])[:, ~unknown])
+    power, known = np.where(squares[2] > 0.0, squares[2], np.nan), ~unknown | unknown.all()
+    before, after = map(TorqueGap.overall, np.sqrt(squares[:2] / power)[:, known])
     x, made = _refitted(products, model, weights, own, unknown)
     kinds = {kind for terms in model.terms for kind, _ in terms}
     kinds |= {SCALE} if found.unit == "Nm" and any(model.scaled) else set()

@@ -52,9 +52,9 @@ def deliver_motions(
         working(f"{command} {len(kept)} samples"),
     ):
         found = run(cell, kept, heldout=held)
-        files, notes = robot_files(found, held, outputs)
+        texts, notes = robot_files(found, held, outputs)
     if cell_out is not None:
-        files[cell_out], added = cell_with_terms(found, cell_out)
+        texts[cell_out], added = cell_with_terms(found, cell_out)
         notes.append(
             f"{cell_out}: model with {', '.join(added) or 'nothing more; no term was found'}"
         )
@@ -65,7 +65,7 @@ def deliver_motions(
         holdout=holdout,
         warnings=motions.warnings,
     )
-    call.deliver(result, files, notes=notes)
+    call.deliver(result, texts, notes=notes)
 
 
 def robot_files(

@@ -71,13 +71,15 @@ def test_the_mjcf_gives_the_torques_of_the_fit(found: MotionDiagnosis, tmp_path:
     assert held.losses[1, 2] == pytest.approx(0.6, rel=0.1)
     assert held.losses[0, 1] == pytest.approx(2.0, rel=0.05)
     masses_are_those_of_bodies(path)
-    again = load = Robot.from_mjcf(path, "base", "tip")
+    again = Robot.from_mjcf(path, "base", "tip")
     assert again.losses is not None
-    assert np.allclose(load.losses, held.losses, rtol=1e-12)  # type: ignore[arg-type]
+    assert np.allclose(again.losses, held.losses, rtol=1e-12)
 
 
-def real(folder: Path) -> tuple[Cell, MotionDiagnosis]:
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, MotionDiagnosis]:
     """An UR10e whose free estimate is no set of bodies."""
+    folder = tmp_path_factory.mktemp("ur10e")
     cell = real_cell(folder, "ur10e_motion", "base_link", "tool0", 8.0)
     motions = load_motions(cell, cell.robot.source.files[0].with_name("motion.csv"))
     cell = replace(cell, motion=replace(cell.motion, effects=(
@@ -88,8 +90,10 @@ def real(folder: Path) -> tuple[Cell, MotionDiagnosis]:
     return cell, result
 
 
-def test_a_real_arm_is_written_as_bodies_that_give_its_torques(tmp_path: Path) -> None:
-    cell, result = real(tmp_path)
+def test_a_real_arm_is_written_as_bodies_that_give_its_torques(
+    real: tuple[Cell, MotionDiagnosis], tmp_path: Path
+) -> None:
+    cell, result = real
     own, _ = own_links(cell.robot)
     links = nominal_inertials(cell.robot)
     free = links + (sizes_of(result.state.products) * result.fit.x).reshape(-1, 10)
@@ -118,7 +122,18 @@ def test_a_real_arm_is_written_as_bodies_that_give_its_torques(tmp_path: Path) -
     assert robot.losses is not None
     assert np.allclose(robot.losses[:, :2], held.losses[:, :2])
 
+
+def test_pinocchio_reads_the_same_torques_from_the_urdf(
+    real: tuple[Cell, MotionDiagnosis], tmp_path: Path
+) -> None:
     pinocchio = pytest.importorskip("pinocchio")
+    cell, result = real
+    held = held_by_file(result, own_links(cell.robot)[0])
+    urdf = tmp_path / "out.urdf"
+    urdf.write_text(robot_with(cell, held, "urdf", urdf).text)
+    _, *motion = fourier(np.random.default_rng(52), 6)
+    links = nominal_inertials(cell.robot) + held.links
+    expected = by_hand(cell.robot, held, links, cell.gravity, *motion)
     model = pinocchio.buildModelFromUrdf(str(urdf))
     model.armature = held.losses[:, 2]
     model.gravity.linear = cell.gravity

@@ -340,7 +340,7 @@ def foreseen(cell: Cell, data: Measurements, found: calib.Identification) -> Arr
 
 @pytest.mark.parametrize(
     ("loud", "arm"),
-    [(1.0, EXACT), (8.0, ""), (1.0, ARM)],
+    [(1.0, EXACT), pytest.param(8.0, "", marks=pytest.mark.long), (1.0, ARM)],
     ids=["as stated", "loud", "an arm that scatters"],
 )
 def test_it_counts_as_by_hand(tmp_path: Path, loud: float, arm: str) -> None:

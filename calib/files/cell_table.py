@@ -16,6 +16,7 @@ from calib.errors import InputError
 from calib.files.read import ORDER, read_text
 from calib.instruments import KINDS
 
+_ALIKE = 0.75  # of keys that may be meant for each other
 _LARGEST_FILE = 2_000_000  # bytes; the parser of the standard library is slow
 _LONG_KEY = re.compile(r"(?:[\w\"'-]{1,40}\s{0,4}\.\s{0,4}){50}")
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
@@ -90,11 +91,13 @@ def _plain(problem: Mapping[str, Any], keys: list[str]) -> str:
 
 
 def _meant(key: str) -> str:
-    """Keys that are most like an unknown one, all that are equally so."""
+    """What to do with an unknown key: keys that are most like it, all that are equally so, if any."""
     schema = CellFile.model_json_schema()
     tables = (schema, *schema["$defs"].values())
     known = sorted({key for table in tables for key in table.get("properties", ())})
-    close = difflib.get_close_matches(key, known, n=3)
+    close = difflib.get_close_matches(key, known, n=3, cutoff=_ALIKE)
     ratios = [difflib.SequenceMatcher(None, own, key).ratio() for own in close]
     best = [repr(own) for own, ratio in zip(close, ratios, strict=True) if ratio == ratios[0]]
-    return f"; did you mean {' or '.join(sorted(best))}?" if best else ""
+    if not best:
+        return "; take it out, or name another (posecal explain cell)"
+    return f"; did you mean {' or '.join(sorted(best))}?"

@@ -113,13 +113,14 @@ def _fault_of_column(
     name: str, robot: Robot, columns: tuple[str, ...]
 ) -> tuple[str, str] | str | None:
     """What is wrong with an unknown column and what to do; None where it may mean nothing."""
-    joints = robot.joints
     unit, others = name.rpartition("_")[2], [*OTHERS, *WRENCH]
     if unit in ("deg", "rad") or name.startswith("approach_"):
-        alike = {c.casefold(): c for c in sorted({f"{j}_{unit}" for j in joints} - {*columns})}
+        alike = {
+            c.casefold(): c for c in sorted({f"{j}_{unit}" for j in robot.joints} - {*columns})
+        }
         meant = difflib.get_close_matches(name.casefold(), alike, n=1, cutoff=_ALIKE)
         remedy = "".join(f"did you mean {alike[own]!r}? " for own in meant)
-        remedy += f"joints are {', '.join(joints)}"
+        remedy += f"joints are {', '.join(robot.joints)}"
         return f"column {name!r} names no joint of the robot", remedy
     if name.partition("_")[0] in {c.partition("_")[0] for c in others}:
         close = difflib.get_close_matches(name, [*WRENCH, *OTHERS], n=1) or ["?"]
@@ -130,9 +131,8 @@ def _fault_of_column(
 
 def shared_columns(robot: Robot) -> set[str]:
     """Columns in which all rows of one pose must agree: joints, wrench, time and heat."""
-    joints = robot.joints
-    shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in joints)}
-    shared |= {f"{j}_{unit}" for j in joints for unit in (*ANGLES, *LENGTHS)}
+    shared = {*OTHERS, *WRENCH, *torque_columns(robot), *(f"approach_{j}" for j in robot.joints)}
+    shared |= {f"{j}_{unit}" for j in robot.joints for unit in (*ANGLES, *LENGTHS)}
     return shared - {"pose", "marker", "instrument", *SIGMAS}
 
 
@@ -171,9 +171,10 @@ def covariates(table: CsvTable, robot: Robot, rows: IntArray) -> dict[str, Any]:
     if (approach := _of_joints(table, signs, driven)) is not None:
         for row, j in np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[:1].tolist():
             raise table.fault(row, signs[j], "is not -1, 0 or +1")
-        given_sides = [name in table.columns for name in signs]
-        moved_sides = np.sign(approach @ robot.ties.matrix.T)
-        fields["approach"] = np.where(given_sides, approach, moved_sides)[rows]
+        given, ties = [name in table.columns for name in signs], robot.ties.matrix.T
+        together = np.abs(approach @ ties) == np.abs(approach) @ np.abs(ties)
+        moved = np.sign(approach @ ties) * together  # unknown where those that move it oppose
+        fields["approach"] = np.where(given, approach, moved)[rows]
     if "session" in table.columns:
         fields["session"] = np.array(table.names("session"))[rows]
     if "station" in table.columns:

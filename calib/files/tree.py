@@ -120,7 +120,7 @@ class Tree:
                 raise InputError(self.path, "", f"has no {self.called} {name!r}", remedy)
         chain = list(dict.fromkeys(j for end in (tip, *others) for j in self._way(base, end)))
         for joint in chain:  # grows
-            if joint.mimic is not None:
+            if joint.moves and joint.mimic is not None:
                 way = self._way(base, self._master(joint).child)
                 chain += [own for own in way if own not in chain]
             where = f"joint {joint.name or joint.child.strip(_NAMELESS)}"

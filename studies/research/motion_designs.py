@@ -40,10 +40,10 @@ def refitted(
             run = own.run(cell)
             noise = _coloured(rng, len(run), n, run.step)
             runs.append(replace(run, name=f"r{k}", effort=run.effort + RESIDUAL * torque * noise))
-        own = products_of(cell, Motions(tuple(runs)), whole=True)
-        each = [own.columns.variants(0, kind)[0] for kind in _TERMS]
+        day = products_of(cell, Motions(tuple(runs)), whole=True)
+        each = [day.columns.variants(0, kind)[0] for kind in _TERMS]
         model = MotionModel((tuple(each),) * n, (False,) * n, inertials="inertials", ridge=1e-3)
-        found.append(np.concatenate(fit(own, model, 1.0 / torque**2).b))
+        found.append(np.concatenate(fit(day, model, 1.0 / torque**2).b))
     return np.asarray(np.std(found, axis=0, ddof=1))
 
 
@@ -69,6 +69,7 @@ def main(days: int, motions: int, seed: int) -> Output:
     every = [*planned.motions, *pool]
     told = information(cell, every, terms, ())
     torque = np.sqrt(np.mean([(own.run(cell).effort ** 2).mean(axis=0) for own in every], axis=0))
+    torque = np.maximum(torque, 1e-3 * float(torque.max()))  # as the design has it
     rows: list[Row] = []
     chance = [rng.choice(np.arange(motions, len(every)), motions, replace=False) for _ in range(3)]
     for name, index in (("planned", np.arange(motions)), *((f"chance {i + 1}", c) for i, c in

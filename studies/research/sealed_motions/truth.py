@@ -181,7 +181,7 @@ class _Drawn:
             some = rng.permutation(n) < max(3, n // 2)
             factors = 1.0 + some * rng.choice([-1.0, 1.0], n) * rng.uniform(0.1, 0.3, n)
             arm = arm.with_inertials(factors, some[:, None] * rng.uniform(-0.03, 0.03, (n, 3)))
-        text = mjcf(arm, load)
+        text = mjcf(arm, load.tolist())
         for i, own in enumerate(self.state):
             extra[i] += _rigid(text, *own) - self.nominal[i]
         if self.family == "payload":

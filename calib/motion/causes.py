@@ -120,10 +120,20 @@ def _rivals(
         ]:
             worse = state.evidence(squares, now)
             if worse.gain < LEAST or worse.p > _REFUSED:
-                found.append((name, float(np.clip(2.0 * worse.p, 0.05, 1.0))))
+                found.append((name, _odds(worse.p)))
+    if (
+        kind == "pre_sliding"
+        and state.products.columns.variants(j, kind)[-1] in state.model.terms[j]
+    ):
+        found.append(("coulomb_friction", 1.0))  # which the shortest distance is
     if kind == "armature" and state.model.inertials == "inertials" and not robot.parents[j]:
         found.append((INERTIALS, 1.0))  # a rotor of the first joint turns as its link does
     return found
+
+
+def _odds(p: float) -> float:
+    """Of a rival that is worse with such a p, at most (Sellke et al., Am. Stat. 55(1), 2001)."""
+    return float(-np.e * p * np.log(p)) if 0.0 < p < 1.0 / np.e else 1.0
 
 
 def _parameters(state: Contest, whole: MotionFit, kind: str, j: int) -> tuple[MotionParameter, ...]:

@@ -91,7 +91,7 @@ class CoulombFriction(MotionEffect):
     kind = "coulomb_friction"
     sharp = True
     unknowns = (("friction", "Nm"),)
-    variants = (SLOW, 0.1 * SLOW)
+    variants = (SLOW, 0.3 * SLOW, 0.1 * SLOW)
     mjcf, urdf = "frictionloss", "friction"
 
     def columns(self, joint: JointMotion) -> Array:

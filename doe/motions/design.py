@@ -93,19 +93,16 @@ def design_motions(
     if len(pool) <= motions:
         raise CalibError(f"{len(pool)} of {candidates} drawn motions keep the limits; draw more")
     found = information(cell, pool, cell.motion.effects or USUAL, discriminate or ())
-    posed = Selection(
-        _criterion(criterion if discriminate is None else UNASKED, found, of),
-        *_in_coordinates(found.M, motions),
-    )
+    asked = _criterion(criterion if discriminate is None else UNASKED, found, of)
+    posed = Selection(asked, *_in_coordinates(found.M, motions))
     best = best_plan(posed, relax(posed), seed=seed)
     plan, bound = best.plan, max(best.relaxed.bound, best.value)
     chance = [rng.choice(len(pool), motions, replace=False) for _ in range(_RANDOM)]
     sizes = np.array([own.size for own in found.parameters])
     M = found.M[plan].sum(axis=0)
     std = np.sqrt(np.diag(np.linalg.inv(M))) * sizes
-    shown = posed.criterion.shown
     return MotionDesign(
-        cell, posed.criterion, tuple(pool[i] for i in plan), shown(best.value), shown(bound),
+        cell, asked, tuple(pool[i] for i in plan), asked.shown(best.value), asked.shown(bound),
         best.value / bound, float(np.median([posed.value(own) for own in chance])) / bound,
         found.parameters, std, found.open, len(pool), removed, tuple(granted),
         time.perf_counter() - begun,

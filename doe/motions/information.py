@@ -87,7 +87,7 @@ def information(
     for text, place in zip(rivals, places, strict=True):
         if not len(place):
             raise CalibError(f"{text}: the rest of the model makes the same torque in every motion")
-    if rivals and len(np.intersect1d(*places)):
+    if rivals and len(np.intersect1d(places[0], places[1])):
         raise CalibError(f"{rivals[0]} and {rivals[1]} share parameters; name two that do not")
     return Information(
         tuple(named[i] for i in kept),

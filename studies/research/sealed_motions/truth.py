@@ -99,6 +99,7 @@ class _Drawn:
     nominal: list[Array]
     size: Array
     terms: dict[tuple[str, str], Array] = field(default_factory=dict)
+    width: float = 0.0
 
     def causes(self) -> tuple[list[Array], list[Cause], str]:
         """What is added to the torque of each run, the causes, and the law that is outside."""
@@ -138,6 +139,7 @@ class _Drawn:
     def _friction(self, extra: list[Array], bristles: bool) -> list[Cause]:
         """Dry and viscous friction of every joint, which changes from run to run."""
         n, rng = len(self.size), self.rng
+        self.width = 10.0 ** rng.uniform(-2.5, -1.9)  # rad/s
         dry, wet = rng.uniform(0.1, 0.3, n) * self.size, rng.uniform(0.05, 0.2, n) * self.size
         wet = wet / self.arm.speed
         days = 1.0 + rng.normal(scale=rng.uniform(0.05, 0.1), size=(len(extra), n))
@@ -146,10 +148,10 @@ class _Drawn:
             stiff = 10.0 ** rng.uniform(2.6, 3.8, n)
             z = _bristles(self.q, stiff, rng.uniform(0.0, 0.3, n) * (rng.random(n) < 0.5))
         for i, (_, v, _) in enumerate(self.state):
-            sign = v / np.hypot(v, 0.005) if z is None else z[i, self.rows[i] - self.late]
+            sign = v / np.hypot(v, self.width) if z is None else z[i, self.rows[i] - self.late]
             extra[i] += days[i] * (dry * sign + wet * v)
             for j, name in enumerate(self.arm.joints):
-                smooth = v[:, j] / np.hypot(v[:, j], 0.005)
+                smooth = v[:, j] / np.hypot(v[:, j], self.width)
                 self._noted("coulomb_friction", name, dry[j] * smooth)
                 self._noted("viscous_friction", name, wet[j] * v[:, j])
                 if bristles:
@@ -179,7 +181,7 @@ class _Drawn:
             some = rng.permutation(n) < max(3, n // 2)
             factors = 1.0 + some * rng.choice([-1.0, 1.0], n) * rng.uniform(0.1, 0.3, n)
             arm = arm.with_inertials(factors, some[:, None] * rng.uniform(-0.03, 0.03, (n, 3)))
-        text = mjcf(arm, load)
+        text = mjcf(arm, load.tolist())
         for i, own in enumerate(self.state):
             extra[i] += _rigid(text, *own) - self.nominal[i]
         if self.family == "payload":
@@ -206,7 +208,7 @@ class _Drawn:
 
     def _column(self, kind: str, run: int, j: int, phase: float) -> Array:
         q, v, a = (own[:, j] for own in self.state[run])
-        sign, time = v / np.hypot(v, 0.005), self.t[self.rows[run]]
+        sign, time = v / np.hypot(v, self.width), self.t[self.rows[run]]
         turned = self.arm.ratio * q
         made: dict[str, Any] = {
             "armature": lambda: a,

@@ -24,7 +24,7 @@ from doe.constraints import scene_of
 from doe.levels import AngleLevels, with_even_knots
 from doe.notes import granted_by, notes_of
 from doe.optimal.function import Selection
-from doe.optimal.relax import GAP, bounded, relax
+from doe.optimal.relax import bounded, relax
 from doe.optimal.search import WholePlan, best_plan
 from doe.order import Reapproaches, day_of, quickest_order, with_reapproaches
 from doe.plan import (
@@ -45,7 +45,6 @@ _EPSILON = 1e-15  # the same for each unit of the condition number of what is in
 _TRIES, _ROUNDS = 32, 20  # neighbours of each pose in one round
 _WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 _STEPS = 8  # of a curve
-_ROUGH = 5e-3  # gap of weights that only guide a search, where the bound is found anew after it
 _LEVELS_FIRST = (
     "The levels were chosen first, for a model with even knots; the efficiency is for the levels as "
     "chosen."
@@ -100,9 +99,8 @@ def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desig
         request, early = _settled(even, request, levels), (_LEVELS_FIRST,)
     problem = problem_of(cell, request)
     offered = pool = problem.candidates()
-    polish = request.polish and isinstance(request.candidates, int)
-    chosen = choose(problem, pool, gap=_ROUGH if polish else GAP)
-    if polish:
+    chosen = choose(problem, pool)
+    if request.polish and isinstance(request.candidates, int):
         pool, chosen = _polished(problem, pool, chosen)
     poses, again, second = _visited(problem, pool.q[chosen.plan])
     certificate = _certified(problem, pool, chosen, second)
@@ -128,7 +126,7 @@ def _settled(cell: Cell, request: Request, levels: AngleLevels) -> Request:
     """The request at levels that are best for a cell with even knots: its own will follow them."""
     problem = problem_of(cell, request)
     pool = problem.candidates()
-    best = choose(problem, pool, thorough=False, gap=_ROUGH)
+    best = choose(problem, pool, thorough=False)
     return replace(request, levels=levels.only(np.unique(pool.q[best.plan, levels.joint])))
 
 
@@ -148,10 +146,10 @@ def _judged(problem: Problem, q: Array, bound: float) -> Rival:
     return Rival(len(q), assess(problem, q), efficiency)
 
 
-def choose(problem: Problem, pool: Pool, *, thorough: bool = True, gap: float = GAP) -> WholePlan:
-    """Best weights over the pool, to a gap, and the best whole plan of it. Raises CannotIdentify."""
+def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
+    """Best weights over the pool and the best whole plan of it. Raises CannotIdentify."""
     posed, request = problem.posed(pool), problem.request
-    best = best_plan(posed, relax(posed, gap=gap), seed=request.seed, thorough=thorough)
+    best = best_plan(posed, relax(posed), seed=request.seed, thorough=thorough)
     lost = open_parameters(problem, posed.blocks.total(best.plan))
     if problem.criterion.whole and not request.of and lost.any():
         ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]

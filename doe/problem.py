@@ -129,8 +129,7 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
     pool = candidates_of(cell, constraints, request.levels, request.candidates, request.seed)
-    if not len(pool):
-        raise pool.too_few()
+    _check_levels(cell, request, pool)
     probe = pool.take(np.random.default_rng(0).permutation(len(pool))[:_PROBE])
     regressor, left_out = _regressor(cell, request, probe)
     targets, at = _targets(regressor, request)
@@ -147,6 +146,19 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     return Problem(
         cell, request, regressor, constraints, pool, criterion, targets, at, left_out, unplanned
     )
+
+
+def _check_levels(cell: Cell, request: Request, pool: Pool) -> None:
+    """Refuse a level that is given and has no candidate."""
+    levels = request.levels
+    given = levels is not None and levels.chosen
+    count = len(levels.values) if levels is not None else 1
+    missing = np.setdiff1d(np.arange(count), pool.level)
+    if len(missing) == count or (given and len(missing)):
+        where = at_level(cell, levels, int(missing[0])) if given and count > 1 else ""
+        if isinstance(request.candidates, Poses) and given:
+            raise CalibError(f"the table of candidates has no row{where} to measure; add some")
+        raise pool.too_few(where)
 
 
 def _regressor(

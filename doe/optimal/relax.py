@@ -66,13 +66,12 @@ class Relaxation:
         return self.bound / self.value - 1.0
 
 
-def relax(posed: Selection, *, start: IntArray | None = None, gap: float = GAP) -> Relaxation:
+def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
     """Maximise the criterion over weights, certified over every candidate.
 
     start : ndarray of int, candidates to begin with, as those of a known plan, in place of a search for
         them
-    gap : float, certified, relative, at which it stops, or at a larger one where the solver cannot
-        reach it
+    It stops at a gap of :data:`GAP`, or at a larger one where the solver cannot reach it.
     """
     criterion, allowed = posed.criterion, posed.allowed
     if not (criterion.smooth or criterion.conical):
@@ -91,7 +90,7 @@ def relax(posed: Selection, *, start: IntArray | None = None, gap: float = GAP) 
         stalled = 0 if bound < best * (1.0 - 0.1 * GAP) else stalled + 1
         if bound < best:
             best, G_best = bound, G
-        if best <= value * (1.0 + gap):
+        if best <= value * (1.0 + GAP):
             break
         # No more digits of the master than its candidates deserve.
         precision = max(GAP / 4.0, min(precision, _DIGITS * (best / value - 1.0)))

@@ -218,7 +218,8 @@ class Regressor(Linearisation):
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
         """The readings of visits, all free and then all loaded, and the visit of each."""
-        poses = readings(self.cell, poses_at(q))
+        # Names of a million candidates would cost as much as their frames.
+        poses = readings(self.cell, poses_at(q, ("",) * len(q)))
         return poses, np.arange(len(poses)) % len(q)
 
     def information(self, q: Array, visible: Mask | None = None) -> Array:

@@ -42,7 +42,7 @@ from doe.request import CANDIDATES, CannotIdentify, Request, request_of
 
 _ROUNDING = 1e-6  # of a value
 _EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
-_TRIES, _ROUNDS = 32, 36  # neighbours of each pose in one round
+_TRIES, _ROUNDS = 32, 20  # neighbours of each pose in one round
 _WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 _STEPS = 8  # of a curve
 _LEVELS_FIRST = (
@@ -94,7 +94,7 @@ def design(
 @one_blas_thread
 def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:
     """The plan of a request."""
-    begun, levels, early = time.perf_counter(), request.levels, ()
+    begun, levels, early = time.perf_counter(), request.levels, tuple[str, ...]()
     if levels is not None and (even := with_even_knots(cell, levels)) is not None:
         request, early = _settled(even, request, levels), (_LEVELS_FIRST,)
     problem = problem_of(cell, request)

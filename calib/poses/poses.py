@@ -83,7 +83,7 @@ class Poses(Result):
         """The poses of an index array or mask, in that order."""
         chosen = np.arange(len(self))[index]
         changed: dict[str, Any] = {k: own[chosen] for k, own in self._arrays.items()}
-        return replace(self, names=tuple(self.names[i] for i in chosen), **changed)
+        return replace(self, names=tuple(map(self.names.__getitem__, chosen.tolist())), **changed)
 
     def then(self, later: Poses) -> Poses:
         """These poses and others of the same session; what these do not have, none has.

@@ -50,7 +50,7 @@ class _Effort:
 
 
 # Of few poses each is so large a part of all that local optima are many, and exchanges take no time.
-_LONG, _BRIEF = _Effort(10, 40, (0.3, 0.1, 0.03, 0.01)), _Effort(3, 10, (0.3, 0.05))
+_LONG, _BRIEF = _Effort(10, 40, (0.3, 0.1, 0.03, 0.01)), _Effort(3, 6, (0.3, 0.05))
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,8 +44,7 @@ def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
 @options.value("--against", "PLAN", "Also judge this plan. Can be given several times.", multiple=True)
 @click.option("--curve", is_flag=True, help="Also state the accuracy for other numbers of poses.")
 @options.value("--reapproach", "N", "Add N repeat visits over the day, to measure the arm's "
-    "repeatability. Default: a tenth of 20 poses or more, unless the cell states the repeatability. 0: "
-    "none.", click.IntRange(min=0))
+    "repeatability.", click.IntRange(min=0))
 @click.option("--repeats/--no-repeats", default=None, help="Whether a pose may be chosen twice.")
 @options.value("--motions", "N", "Choose N motions in place of poses, to identify or to explain joint "
     "torques. With D (the default), A, E, c, or --discriminate TERM[:WHERE],TERM[:WHERE].",

@@ -172,7 +172,7 @@ def test_half_a_plan_of_sockets_is_forecast_as_identifications_find_it() -> None
     assert not answer.steps[-1].open
     np.testing.assert_allclose(answer.steps[-1].std, end.std, rtol=1e-3)
     view = foresee(cell, plan)
-    own = view.known.independent[1][:, : len(view.values)]
+    own = view.beside.modelled
     std = np.sqrt(np.diag(np.linalg.inv(own.T @ own)))
     moving = calib.identify(cell, whole.take(~view.waiting)).std
     np.testing.assert_allclose(std, moving, rtol=0.01)

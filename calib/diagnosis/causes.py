@@ -39,7 +39,7 @@ _LEAST_P = 1e-4  # of the test of its form, below which it is as doubtful as it 
 _MINOR = 0.1  # of what a cause explains: an error of its form of less leaves it what it is
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
 _NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
-_NO_SHARE = 0.005  # of the gap, which reads as nothing
+_NO_SHARE, _SMALL = 0.005, 0.05  # of the gap: what reads as nothing, and what is a small part
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
 _INTERCEPT = 3.5
@@ -266,11 +266,12 @@ def standing_of(named: Named, probability: float) -> Standing:
 def parted(causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """The causes that were found, and those that are no more than possible.
 
-    Beside one that is established, or one of several, another must be so as well.
+    Beside one that is established, or one of several, what is merely likely must be worth a part of the
+    gap.
     """
     likely = [c for c in causes if c.likely]
     sure = [c for c in likely if c.standing != "likely"]
-    found = tuple(sure or likely)
+    found = tuple(c for c in likely if not sure or c in sure or not c.share < _SMALL)
     return found, tuple(c for c in causes if c not in found)
 
 
@@ -280,13 +281,14 @@ def verdict_of(standings: Sequence[Standing], more: bool, rest: Rest) -> Verdict
     standings : of the causes that were found; more : whether others are possible
     """
     closed = rest.closed and not more
-    if not standings:
-        return "no_gap" if closed else "unknown"
-    if "one_of" in standings:
-        return "ambiguous"
-    if "likely" in standings:
-        return "unknown"
-    return "explained" if closed else "partly"
+    match sorted(set(standings)):
+        case []:
+            return "no_gap" if closed else "unknown"
+        case ["likely"]:
+            return "unknown"
+        case ["established"]:
+            return "explained" if closed else "partly"
+    return "ambiguous"
 
 
 def located(

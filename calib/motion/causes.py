@@ -126,6 +126,8 @@ def _rivals(
         and state.products.columns.variants(j, kind)[-1] in state.model.terms[j]
     ):
         found.append(("coulomb_friction", 1.0))  # which the shortest distance is
+    if kind == "stribeck_friction" and "coulomb_friction" not in dict(found):
+        found.append(("coulomb_friction", 1.0))  # of another law at low speed
     if kind == "armature" and state.model.inertials == "inertials" and not robot.parents[j]:
         found.append((INERTIALS, 1.0))  # a rotor of the first joint turns as its link does
     return found

@@ -385,6 +385,7 @@ VERDICTS: list[tuple[tuple[Standing, ...], bool, Kind, VerdictName]] = [
     (("established",), False, "too_large", "partly"),
     (("established", "one_of"), False, "none", "ambiguous"),
     (("one_of",), False, "structure", "ambiguous"),
+    (("established", "likely"), False, "none", "ambiguous"),
     (("likely", "likely"), False, "none", "unknown"),
 ]
 

@@ -224,5 +224,5 @@ def test_clean_days_have_nothing_systematic(
         cell, data = kr270_day(tmp_path, SETUPS[setup], truth, 30, 4)
         found = doe.enough(cell, data)
         lacking, now = found.lacking, found.steps[0].task_rms
-        systematic += bool(lacking.surely and lacking.of_model > 0.5 * now)
+        systematic += lacking.of_model > 0.5 * now
     assert systematic <= len(seeds) // 10

@@ -204,15 +204,14 @@ def test_no_plan_for_them_alone() -> None:
 def test_a_plan_is_read_in_its_order(tmp_path: Path) -> None:
     cell, path = planar_cell("tool"), tmp_path / "plan.csv"
     path.write_text(
-        "pose,j1_deg,j2_deg,order,time_s,approach_j1,approach_j2,move_j1_deg,move_j2_deg\n"
-        "b,10,0,2,30,-1,0,5,0\na,20,0,1,0,1,0,40,0\n"
+        "pose,j1_deg,j2_deg,order,time_s,approach_j1,approach_j2\nb,10,0,2,30,-1,0\na,20,0,1,0,1,0\n"
     )
     poses = calib.load_plan(cell, path)
     assert poses.names == ("a", "b")
     assert poses.approach is not None
     assert poses.motion is not None
     np.testing.assert_array_equal(poses.approach, [[1.0, 0.0], [-1.0, 0.0]])
-    np.testing.assert_allclose(poses.motion, np.radians([[40.0, 0.0], [5.0, 0.0]]))
+    np.testing.assert_allclose(poses.motion[1], np.radians([10.0, 0.0]))
     path.write_text("pose,j1_deg,j2_deg,order\na,0,0,1\nb,10,0,1\n")
     with pytest.raises(InputError, match="column order: '1' stands twice; number the poses"):
         calib.load_plan(cell, path)

@@ -238,6 +238,8 @@ VERDICTS: list[tuple[str, dict[str, Any], str]] = [
     ("ambiguous", {"effects": TWO},
      "Cause found: backlash:A3 (50 % of the error). Also backlash:A1 or settling:A2. "
      "These data cannot tell which."),
+    ("ambiguous", {"effects": [effect("backlash", "A1"), LIKELY]},
+     "Cause found: backlash:A1 (50 % of the error). Probable, not confirmed: backlash:A3."),
     ("ambiguous", {"effects": [STIFF]}, "posecal design CELL --extend DATA --poses 8 --discriminate "
      "joint_compliance:A2,bearing_compliance:A2"),
     ("ambiguous", {"effects": [DRIFT]}, "Correct for any of them: they act alike here."),

@@ -57,7 +57,8 @@ def test_it_is_small_and_needs_nothing_from_outside(html: str) -> None:
 def test_the_answer_stands_first_and_figures_are_described(html: str, demo_folder: Path) -> None:
     text, identified = text_of(html), json.loads((demo_folder / "identify.json").read_text())
     assert f"{ARROW} {short(identified['rms_mm']['heldout'])} mm" in text[:200]
-    assert "Diagnosis: 0.0427" in text[:300]
+    diagnosed = json.loads((demo_folder / "diagnose.json").read_text())
+    assert f"Diagnosis: {short(diagnosed['gap']['heldout_before_mm'])}" in text[:300]
     assert text.index("What to do next Nothing remains beyond noise.") < text.index(
         "Identification"
     )

@@ -19,7 +19,7 @@ from calib.arrays import Array
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.equivalence import Named
 from calib.diagnosis.finding import Finding, is_weak
-from calib.diagnosis.refused import Refused, Why
+from calib.diagnosis.refused import Why
 from calib.diagnosis.rest import Rest
 from calib.diagnosis.serial import SmoothRun
 from calib.diagnosis.shape import Doubt, shape_doubt
@@ -40,6 +40,8 @@ _MINOR = 0.1  # of what a cause explains: an error of its form of less leaves it
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
 _NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
 _NO_SHARE, _SMALL = 0.005, 0.05  # of the gap: what reads as nothing, and what is a small part
+WEIGHTY = 0.25
+"""Share of the gap from which on what is fitted and not named is no chance."""
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
 _INTERCEPT = 3.5
@@ -214,11 +216,11 @@ def causes_of(finding: Finding, asked: int, again: Mapping[str, float]) -> Itera
         )
 
 
-def unnamed_of(finding: Finding) -> Iterator[Refused]:
-    """What is fitted and not named, and why."""
+def unnamed_of(finding: Finding) -> Iterator[tuple[Named, Why, float]]:
+    """What is fitted and not named, why, and its share of the gap."""
     for named in finding.named:
         if why := _no_cause(finding, named):
-            yield Refused.of(named.candidate, why)
+            yield named, why, _share_of(finding, named.entry.candidate)
 
 
 def _no_cause(finding: Finding, named: Named) -> Why | None:
@@ -278,7 +280,7 @@ def parted(causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...
 def verdict_of(standings: Sequence[Standing], more: bool, rest: Rest) -> VerdictName:
     """The verdict of a diagnosis.
 
-    standings : of the causes that were found; more : whether others are possible
+    standings : of the causes that were found; more : whether more is fitted than these
     """
     closed = rest.closed and not more
     match sorted(set(standings)):
@@ -308,10 +310,10 @@ def located(
             place = GapPlace(c.where, c.doubt.depends_on, share)
             if (place.where, place.depends_on) not in {(p.where, p.depends_on) for p in found}:
                 found.append(place)
-    for entry in outcome.entries:
-        if not entry.candidate.named:
-            own = entry.candidate
-            found.append(GapPlace(own.where, own.depends_on, _share_of(finding, own)))
+    curves = [e.candidate for e in outcome.entries if not e.candidate.named]
+    found += [GapPlace(c.where, c.depends_on, _share_of(finding, c)) for c in curves]
+    for named, _, share in unnamed_of(finding):
+        found.append(GapPlace(named.candidate.where, named.candidate.depends_on, share))
     if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
         noise, before = after.dof * after.variances.scale**2, outcome.before.cost

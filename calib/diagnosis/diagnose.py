@@ -9,6 +9,7 @@ from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.causes import (
+    WEIGHTY,
     Cause,
     GapPlace,
     VerdictName,
@@ -23,6 +24,7 @@ from calib.diagnosis.finding import Finding, finding_of
 from calib.diagnosis.gap import Gap, gap_of
 from calib.diagnosis.gate import BY_TIME, crossed
 from calib.diagnosis.part import part_of
+from calib.diagnosis.refused import Refused
 from calib.diagnosis.rest import Rest, rest_of
 from calib.diagnosis.search import search
 from calib.diagnosis.serial import smooth_run
@@ -147,7 +149,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     smooth = run is not None or any(c.misshapen for c in causes)
     rest = rest_of(finding, smooth, int(outlier.sum()), heldout)
     found, possible = parted([c for c in causes if not c.displaced])
-    concluded = verdict_of([c.standing for c in found], len(causes) > len(found), rest)
+    unnamed = tuple(unnamed_of(finding))
+    more = len(causes) > len(found) or any(share > WEIGHTY for *_, share in unnamed)
+    concluded = verdict_of([c.standing for c in found], more, rest)
     places = located(finding, causes, not rest.closed, run)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
@@ -159,9 +163,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         over_time=crossed(stage, outcome.fit, effects, by_time=True) if by_time else None,
     )
     entered = {c.named.candidate.key for c in causes}
-    unnamed = tuple(unnamed_of(finding))
+    refused = (*finding.refused, *(Refused.of(own.candidate, why) for own, why, _ in unnamed))
     return Diagnosis(
-        **fields_of(replace(finding, refused=finding.refused + unnamed)),
+        **fields_of(replace(finding, refused=refused)),
         cell=cell,
         verdict=concluded,
         causes=found,

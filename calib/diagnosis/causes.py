@@ -40,8 +40,7 @@ _MINOR = 0.1  # of what a cause explains: an error of its form of less leaves it
 _LEAST_RATIO = 0.9  # of a curve's evidence over its own, from which on that speaks against a name
 _NEARLY = 0.6, 0.9  # from which on, and in full, against what follows anything
 _NO_SHARE, _SMALL = 0.005, 0.05  # of the gap: what reads as nothing, and what is a small part
-WEIGHTY = 0.25
-"""Share of the gap from which on what is fitted and not named is no chance."""
+_WEIGHTY = 0.25  # of the gap: from there on what is fitted and not named is no chance
 _AT_REST = ("base", "instrument")  # whose moments and warm-ups nothing else imitates
 
 _INTERCEPT = 3.5
@@ -216,11 +215,25 @@ def causes_of(finding: Finding, asked: int, again: Mapping[str, float]) -> Itera
         )
 
 
-def unnamed_of(finding: Finding) -> Iterator[tuple[Named, Why, float]]:
-    """What is fitted and not named, why, and its share of the gap."""
+@dataclass(frozen=True, eq=False)
+class Unnamed:
+    """What is fitted and not named, why, and its share of the gap, NaN where there is none."""
+
+    candidate: Candidate
+    why: Why
+    share: float
+
+    @property
+    def weighty(self) -> bool:
+        """Whether so much of the gap is no chance."""
+        return self.share > _WEIGHTY
+
+
+def unnamed_of(finding: Finding) -> Iterator[Unnamed]:
+    """Everything that is fitted and not named."""
     for named in finding.named:
         if why := _no_cause(finding, named):
-            yield named, why, _share_of(finding, named.entry.candidate)
+            yield Unnamed(named.candidate, why, _share_of(finding, named.entry.candidate))
 
 
 def _no_cause(finding: Finding, named: Named) -> Why | None:
@@ -294,10 +307,15 @@ def verdict_of(standings: Sequence[Standing], more: bool, rest: Rest) -> Verdict
 
 
 def located(
-    finding: Finding, causes: Sequence[Cause], left: bool, run: SmoothRun | None
+    finding: Finding,
+    causes: Sequence[Cause],
+    unnamed: Sequence[Unnamed],
+    left: bool,
+    run: SmoothRun | None,
 ) -> tuple[GapPlace, ...]:
     """Where the gap lies and on what it depends, largest share first.
 
+    unnamed : what is fitted beside the causes
     left : whether more remains than such an arm scatters by; run : of what passes for scatter
     """
     outcome, after = finding.outcome, finding.after
@@ -312,8 +330,7 @@ def located(
                 found.append(place)
     curves = [e.candidate for e in outcome.entries if not e.candidate.named]
     found += [GapPlace(c.where, c.depends_on, _share_of(finding, c)) for c in curves]
-    for named, _, share in unnamed_of(finding):
-        found.append(GapPlace(named.candidate.where, named.candidate.depends_on, share))
+    found += [GapPlace(u.candidate.where, u.candidate.depends_on, u.share) for u in unnamed]
     if left and (after.variances.configuration.any() or not found):
         # Beside a cause its share is undefined: it is no effect that could be taken out again.
         noise, before = after.dof * after.variances.scale**2, outcome.before.cost

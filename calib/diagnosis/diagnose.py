@@ -9,7 +9,6 @@ from calib.cell import Cell
 from calib.cell.targets import targets_of
 from calib.diagnosis.candidates import Candidate, NotAsked, candidates
 from calib.diagnosis.causes import (
-    WEIGHTY,
     Cause,
     GapPlace,
     VerdictName,
@@ -150,9 +149,9 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
     rest = rest_of(finding, smooth, int(outlier.sum()), heldout)
     found, possible = parted([c for c in causes if not c.displaced])
     unnamed = tuple(unnamed_of(finding))
-    more = len(causes) > len(found) or any(share > WEIGHTY for *_, share in unnamed)
+    more = len(causes) > len(found) or any(u.weighty for u in unnamed)
     concluded = verdict_of([c.standing for c in found], more, rest)
-    places = located(finding, causes, not rest.closed, run)
+    places = located(finding, causes, unnamed, not rest.closed, run)
     by_time = any(place.depends_on in BY_TIME for place in places)
     before, after = finding.before, finding.after
     effects = [c.effect for c in outcome.active]
@@ -163,7 +162,7 @@ def diagnose(cell: Cell, data: Measurements, *, heldout: Measurements | None = N
         over_time=crossed(stage, outcome.fit, effects, by_time=True) if by_time else None,
     )
     entered = {c.named.candidate.key for c in causes}
-    refused = (*finding.refused, *(Refused.of(own.candidate, why) for own, why, _ in unnamed))
+    refused = (*finding.refused, *(Refused.of(u.candidate, u.why) for u in unnamed))
     return Diagnosis(
         **fields_of(replace(finding, refused=refused)),
         cell=cell,

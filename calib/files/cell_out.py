@@ -41,6 +41,13 @@ class Extended:
     refused: tuple[tuple[str, str], ...]
 
 
+def document_of(cell: Cell) -> TOMLDocument:
+    """The user's own file, with its comments. Raises InputError where it cannot be read any more."""
+    import tomlkit
+
+    return tomlkit.parse(read_text(cell.path, _LARGEST_FILE))
+
+
 def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: Path) -> Extended:
     """The text of a cell file whose model has these effects too.
 
@@ -53,9 +60,7 @@ def extended_cell(cell: Cell, effects: Sequence[Effect], poses: Poses, target: P
 
     Raises InputError where the cell file cannot be read any more.
     """
-    import tomlkit
-
-    document = tomlkit.parse(read_text(cell.path, _LARGEST_FILE))
+    document = document_of(cell)
     entries = [*cell.effects]
     added: list[Effect] = []
     parts, refused = list[str](), list[tuple[str, str]]()

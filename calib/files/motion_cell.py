@@ -5,12 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from calib.files.cell_out import write_paths
-from calib.files.read import read_text
+from calib.files.cell_out import document_of, write_paths
 from calib.motion.diagnose import MotionDiagnosis
 from calib.motion.effects import INERTIALS, PAYLOAD
-
-_LARGEST_FILE = 2_000_000  # bytes
 
 
 def cell_with_terms(found: MotionDiagnosis, target: Path) -> tuple[str, list[str]]:
@@ -31,10 +28,9 @@ def cell_with_terms(found: MotionDiagnosis, target: Path) -> tuple[str, list[str
         else f"{kind}:{','.join(joints)}"
         for kind, joints in places.items()
     ]
-    path = found.cell.path
-    document = tomlkit.parse(read_text(path, _LARGEST_FILE))
+    document = document_of(found.cell)
     model: Any = document.setdefault("model", tomlkit.table())
     for entry in added:
         model.setdefault("effects", tomlkit.array()).append(entry)
-    write_paths(document, path.parent, target.parent)
+    write_paths(document, found.cell.path.parent, target.parent)
     return document.as_string(), added

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, model_validator
 
 from calib.arrays import Array, Mask
 from calib.instruments.keys_table import CellParts, KeysTable
 from calib.instruments.protocol import POINT, ZERO, Linear, Nominal, ReadingColumn, Start, Unknown
 from calib.instruments.touching import Even, around, best, contacts, mirrored
-from calib.keys import MM, Flag, NotNegative, Point, PositiveMetres, key, ordered
+from calib.keys import Flag, Point, PositiveMetres, key
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +20,10 @@ class Distance(Even):
 
     standing : its anchor, shape (3,), m, base frame
     known : whether that is where it stands, and no guess
-    reach : shortest and longest distance from the anchor at which it reads, m
     """
 
     known: bool = False
     offset: bool = False
-    reach: tuple[float, float] = (0.0, np.inf)
     kind: ClassVar[str] = "distance"
     rows: ClassVar[int] = 1
     given_by: ClassVar[str] = "anchor_mm"
@@ -48,13 +45,6 @@ class Distance(Even):
     @property
     def position(self) -> Array | None:
         return self.standing
-
-    def within(self, points: Array) -> Mask:
-        """Whether points (..., 3), m, base axes, are in its reach, as far as the anchor is known."""
-        if self.standing is None:
-            return np.ones(points.shape[:-1], dtype=bool)
-        away = np.linalg.norm(points - self.standing, axis=-1)
-        return np.asarray((away >= self.reach[0]) & (away <= self.reach[1]))
 
     def linearise(self, place: Array, points: Array) -> Linear:
         anchor = place[..., :3] if not self.known or self.standing is None else self.standing
@@ -84,13 +74,6 @@ class Distance(Even):
         return best(self, rows, seen, arm, np.array(starts, dtype=float))
 
 
-_Reach = Annotated[
-    tuple[NotNegative, NotNegative],
-    AfterValidator(ordered),
-    AfterValidator(lambda given: (given[0] * MM, given[1] * MM)),
-]
-
-
 class DistanceTable(KeysTable):
     """A ballbar or wire: its keys in a cell."""
 
@@ -102,14 +85,6 @@ class DistanceTable(KeysTable):
     """distance: where it is measured from; found if absent"""
     offset: Flag = False
     """distance: whether a constant is added to it"""
-    reach: Annotated[_Reach, key("reach_mm")] = (0.0, np.inf)
-    """distance: shortest and longest value, from anchor_mm"""
-
-    @model_validator(mode="after")
-    def _reach_from_somewhere(self) -> Self:
-        if "reach" in self.model_fields_set and self.standing is None:
-            raise ValueError("has reach_mm, which counts from anchor_mm; add that")
-        return self
 
     def instrument(self, name: str, cell: CellParts) -> Distance:
         known = self.standing is not None and not cell.placed

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell.contacts import contacts_of, touched
-from calib.instruments import Camera, Distance, Instrument
+from calib.instruments import Camera, Instrument
 from calib.instruments.board import Board
 from calib.instruments.riding import frame_of, taken
 from doe.constraints.distances import point_segment, segment_segment
@@ -38,15 +38,12 @@ def visible(scene: Scene) -> Mask:
     beam, unless the marker itself sits in it (a print on the tip sits in the wrist alone); by a box
     or a ball across the beam, unless the instrument itself stands in it; by turning away further
     than its acceptance, a quarter turn where only its normal is known; where it is not in a camera's
-    image, or its board faces away; and out of the reach of a bar or wire. All are seen where nobody
-    said where the instrument stands.
+    image, or its board faces away. All are seen where nobody said where the instrument stands.
     """
     seen = read_by(scene)
     for instrument, part in scene.cell.channels.blocks:
         if isinstance(instrument, Camera):
             seen[:, part] &= instrument.found(taken(instrument, scene.markers))
-        elif isinstance(instrument, Distance):
-            seen[:, part] &= instrument.within(taken(instrument, scene.markers))
         for beam in _beams(scene, instrument, part):
             seen[:, beam.channels] &= _free(scene, beam)[:, None]
         if isinstance(instrument, Camera):

@@ -226,7 +226,7 @@ PAIR = 'between = ["left", "right"]'
         (PAIR, 'between = ["left", "left"]', "not two sockets or two"),
         ('kind = "plane"', 'kind = "plain"', "instruments.table"),
         ('kind = "plane"', 'kind = "sphere"', "has no known kind; write camera, distance, plane"),
-        ("sigma_mm = 0.01", "sigma_mm = 0.01\nreach_mm = 1", "instruments.table.reach_mm"),
+        ("sigma_mm = 0.01", "sigma_mm = 0.01\noffset = true", "instruments.table.offset"),
         ("b,wire,ball,20,321.5", "b,wire,ball,20,", "line 3, column d_mm: is empty"),
         ("c,right,ball,30,", "a,right,ball,10,", "touches 'left' too; give each its own pose"),
         ("a,left,", "a,middle,", "'middle' is not in the cell; instruments are wire"),

@@ -182,7 +182,7 @@ def test_columns_and_keys_of_instruments_are_stated() -> None:
     for name in (*OTHERS, *WRENCH):
         assert re.search(rf"[`\s]{re.escape(name)}[`\s]", columns), name
     table = [line for line in rows_of("instruments") if line.startswith("distance")]
-    assert "d_mm sigma_mm, anchor_mm, offset, reach_mm" in table[0]
+    assert "d_mm sigma_mm, anchor_mm, offset, on" in table[0]
     assert {line.split()[0] for line in rows_of("instruments")} >= set(KINDS)
 
 

@@ -18,7 +18,6 @@ from calib.files.read import read_xml
 from calib.files.shapes import SHAPES, spanned
 from calib.files.tree import Joint, Shape, Tree, Weight
 
-_MOST = 10_000  # copies of a body: a robot has none, and a slip of the keys would fill the memory
 _LARGEST = 1e9  # in SI units
 _KINDS = ("free", "ball", "prismatic", "revolute")  # mjtJoint; the module is imported where needed
 _SITE = 6  # mjtObj
@@ -179,11 +178,6 @@ def _compiled(path: Path) -> tuple[str, tuple[Path, ...], Any]:
             remedy = "name a file that holds <mujoco>"
             raise InputError(path, f"<{root.tag}>", "is not an MJCF", remedy)
         title = title or root.get("model", path.stem)
-        for rule in root.iter("replicate"):
-            count = rule.get("count", "no number of")
-            if not count.strip().isdigit() or int(count) > _MOST:
-                what = f"makes {count} copies"
-                raise InputError(here, "<replicate>", what, f"give a count of at most {_MOST}")
         for include in root.iter("include"):
             tried = [place / include.get("file", "") for place in (path.parent, here.parent)]
             files += [file for file in tried if file.is_file() and file not in files][:1]

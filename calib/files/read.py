@@ -62,7 +62,6 @@ def sha256(path: Path) -> str:
 
 
 _LARGEST_FILE = 20_000_000  # bytes; a robot's file holds text, meshes lie elsewhere
-_DEEPEST = 200  # levels of elements
 
 
 def read_xml(path: Path, kind: str) -> ElementTree.Element:
@@ -89,9 +88,4 @@ def read_xml(path: Path, kind: str) -> ElementTree.Element:
     except (LookupError, ValueError):
         what = "names an encoding that cannot be read"
         raise InputError(path, "line 1", what, "save it as UTF-8") from None
-    level = [root]
-    for _ in range(_DEEPEST):
-        level = [child for element in level for child in element]
-    if level:
-        raise InputError(path, "", "is nested too deeply", f"export the {kind} again")
     return root

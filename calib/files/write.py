@@ -6,7 +6,7 @@ import json
 import math
 import os
 import secrets
-import stat
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -61,11 +61,11 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
             name = target.parent / f".posecal-{secrets.token_hex(8)}"
             prepared.append((name, target))  # before it is made: Ctrl-C may come at any moment
             with name.open("xb") as file:
-                os.chmod(name, 0o600)
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            os.chmod(name, _mode(target))
+            if target.exists():
+                shutil.copymode(target, name)
         for name, path in prepared:
             os.replace(name, path)
     except OSError as error:
@@ -74,15 +74,6 @@ def write_files(contents: Mapping[Path, str | bytes]) -> None:
     finally:
         for name, _ in prepared:
             name.unlink(missing_ok=True)
-
-
-def _mode(path: Path) -> int:
-    """Permissions of the file that is replaced, else those of any new file."""
-    if path.exists():
-        return stat.S_IMODE(path.stat().st_mode)
-    umask = os.umask(0o077)
-    os.umask(umask)
-    return 0o666 & ~umask
 
 
 def json_text(result: Any) -> str:

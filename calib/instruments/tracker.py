@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -38,7 +38,7 @@ class Tracker(Instrument):
         readings
     """
 
-    noise: Noise = Noise.isotropic(1.0)
+    noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
     sigma: InitVar[float | None] = None
     kind: ClassVar[str] = "points"

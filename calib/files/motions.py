@@ -14,7 +14,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import column_of, joint_columns, titles, units_of
+from calib.files.columns import column_of, joint_columns, titles, torque_columns, units_of
 from calib.files.csv_table import CsvTable, read_rows
 from calib.motion.filtering import SLOW
 from calib.motion.motions import Motions, Run, Unit
@@ -26,7 +26,6 @@ _FEWEST = 50  # rows of a run
 _BAD_STAMPS = 0.01  # share of a run's rows that may go
 _BREAK = 0.5  # s, beyond which a run begins anew
 _OTHER_RATE = 1.6  # times: between parts of a run
-_TWICE = 0.4  # share of rows that repeat the one before while the robot moves
 _UNSIGNED = 2.0 / 3.0  # share of the joints
 
 
@@ -49,7 +48,7 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
     path, robot = Path(path), cell.robot
     columns, rows = read_rows(path, ("time_s",), lambda _: None, _LARGEST_FILE)
     given = joint_columns(path, robot, columns)
-    efforts, unit = _efforts(path, columns, robot.joints, robot.prismatic)
+    efforts, unit = _efforts(path, columns, robot)
     behind = [
         column_of(path, columns, f"{j}_link", units_of(s), f"{j}_link")
         for j, s in zip(robot.joints, robot.prismatic.tolist(), strict=True)
@@ -78,19 +77,17 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
     return Motions(tuple(runs), unit, tuple(warnings))
 
 
-def _efforts(
-    path: Path, columns: Sequence[str], joints: Sequence[str], prismatic: Mask
-) -> tuple[list[str], Unit]:
+def _efforts(path: Path, columns: Sequence[str], robot: Robot) -> tuple[list[str], Unit]:
     """Columns of torque or current of every joint. Raises InputError where one has none."""
-    torques = [f"{j}_{'N' if s else 'Nm'}" for j, s in zip(joints, prismatic, strict=True)]
-    currents = [f"{j}_A" for j in joints]
-    for names, unit in ((torques, "Nm"), (currents, "A")):
-        present = [name in columns for name in names]
-        if all(present):
-            return names, "Nm" if unit == "Nm" else "A"
-        if any(present):
-            missing = names[present.index(False)]
-            raise InputError(path, "line 1", f"column {missing!r} is missing", "give every joint's")
+    torques, currents = [*torque_columns(robot)], [f"{j}_A" for j in robot.joints]
+    kinds: tuple[tuple[list[str], Unit], ...] = (torques, "Nm"), (currents, "A")
+    for names, unit in kinds:
+        missing = [name for name in names if name not in columns]
+        if not missing:
+            return names, unit
+        if missing != names:
+            what = f"column {missing[0]!r} is missing"
+            raise InputError(path, "line 1", what, "give every joint's")
     remedy = f"add {torques[0]} .. or {currents[0]} .. of every joint"
     raise InputError(path, "line 1", "has no torques and no currents", remedy)
 
@@ -152,14 +149,6 @@ def _checked(path: Path, run: Run, lines: Array) -> tuple[list[Run], list[str]]:
         said.append(
             f"{path}: {first}: {int((~good).sum())} rows whose time does not increase left out"
         )
-    repeated = np.concatenate([[False], (np.diff(run.q, axis=0) == 0.0).all(axis=1)])
-    moving = np.concatenate([[False], (np.abs(np.diff(run.q, axis=0)) > 0.0).any(axis=1)])
-    if moving.any() and repeated[moving.argmax() :].mean() > _TWICE and _steady(repeated, moving):
-        said.append(
-            f"{path}: session {run.name}: every row stands twice, logged faster than measured; "
-            "each counts once"
-        )
-        good &= ~repeated
     run = _taken(run, good)
     if said_rate := _two_rates(run):
         said.append(f"{path}: session {run.name} {said_rate}")
@@ -176,13 +165,6 @@ def _checked(path: Path, run: Run, lines: Array) -> tuple[list[Run], list[str]]:
         name = run.name if not found else f"{run.name} ({len(found) + 1})"
         found.append(replace(part, name=name))
     return found, said
-
-
-def _steady(repeated: Mask, moving: Mask) -> bool:
-    """Whether every second row repeats the one before wherever the robot moves."""
-    pairs = repeated[1:] ^ repeated[:-1]
-    near = moving[1:] | moving[:-1]
-    return bool(pairs[near].mean() > 0.8)
 
 
 def _two_rates(run: Run) -> str:

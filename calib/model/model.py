@@ -382,12 +382,12 @@ class Model:
     @property
     def known_rows(self) -> int:
         """How many rows :meth:`beside` has."""
-        return len(self.lengths) + len(self._believed) + self.prior_rows
+        return len(self.lengths) + len(self._believed)
 
     @property
     def prior_rows(self) -> int:
         """How many of these say what is believed of the parameters; they come last."""
-        return 0 if self.own_prior is None else len(self.own_prior.keys)
+        return len(self.by_prior)
 
     @cached_property
     def own_prior(self) -> SizePrior | None:
@@ -395,28 +395,23 @@ class Model:
         return None if self.prior is None else self.prior.only(self.keys)
 
     @cached_property
-    def own_prior_at(self) -> IntArray:
-        """Positions of these parameters."""
-        known = self.own_prior
-        return np.zeros(0, dtype=int) if known is None else known.positions(self.keys)
-
-    @cached_property
     def by_prior(self) -> Array:
         """The same as rows of unit variance: derivatives, shape (k, p)."""
-        rows = np.zeros((self.prior_rows, len(self.parameters)))
-        if self.own_prior is not None and self.prior_rows:
-            rows[:, self.own_prior_at] = self.own_prior.whitening
+        known = self.own_prior
+        rows = np.zeros((0 if known is None else len(known.keys), len(self.parameters)))
+        if known is not None and len(rows):
+            rows[:, known.positions(self.keys)] = known.whitening
         return rows
 
     @cached_property
     def _believed(self) -> Array:
         """What is known of the values about zero beforehand, as rows of unit variance (k, p)."""
-        found = [np.zeros((0, len(self.parameters)))]
+        found = []
         for effect, part in self.of(Base):
             own = effect.of.belief
             found.append(np.zeros((len(own), len(self.parameters))))
             found[-1][:, part] = own
-        return np.concatenate(found)
+        return np.concatenate([*found, self.by_prior])
 
     def prior_residuals(self, values: Array) -> tuple[Array, Array]:
         """What is known beside all readings, as rows of unit variance: residuals and derivatives.
@@ -431,13 +426,8 @@ class Model:
             residuals[..., k] = (known.length - apart) / known.sigma
             along = (a - b) / np.where(apart > 0.0, apart, 1.0)[..., None] / known.sigma
             J[..., k, :] = (along[..., None, :] @ (of_a - of_b))[..., 0, :]
-        believed = slice(len(self.lengths), len(self.lengths) + len(self._believed))
-        residuals[..., believed] = -values @ self._believed.T
-        J[..., believed, :] = self._believed
-        if (prior := self.own_prior) is not None and self.prior_rows:
-            own = slice(self.known_rows - self.prior_rows, None)
-            residuals[..., own] = -values[..., self.own_prior_at] @ prior.whitening.T
-            J[..., own, :] = self.by_prior
+        residuals[..., len(self.lengths) :] = -values @ self._believed.T
+        J[..., len(self.lengths) :, :] = self._believed
         return residuals, J
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:

@@ -39,9 +39,9 @@ def drawn_readings(
     noisy = draw(whitening(model, values, poses, exact), rng)
     if arm is not None:
         frames = model.state(values, poses).frames
-        points, axes = model.tip_points(frames, values, poses), model.placement(values, poses)[0]
+        points = model.tip_points(frames, values, poses)
         origins = model.under_markers(frames)[1]
-        moved = approached(points, origins, visits(poses), arm, rng, axes)
+        moved = approached(points, origins, visits(poses), arm, rng)
         moved = model.readout.channels.seats_kept(moved, points)
         exact = model.readings(values, poses, moved)
     readings = exact + noisy
@@ -87,22 +87,14 @@ def approached(
     approach: IntArray,
     arm: Repeatability,
     rng: np.random.Generator,
-    axes: Array | None = None,
 ) -> Array:
     """Points with the tip shifted and turned anew at each approach, shape (..., m, M, 3), m.
 
     points : ndarray, shape (..., m, M, 3), m; leading axes are trials, each with draws of its own
     origins : ndarray, shape (m, M or 1, 3), m, of the tips; approach : ndarray of int, shape (m,)
-    axes : ndarray, shape (m, 3, 3), of the frames in which shift and turn are drawn, by rows in those
-        of the points; the same without
     """
     _, group = np.unique(approach, return_inverse=True)
     drawn = rng.standard_normal((*points.shape[:-3], int(group.max()) + 1, 6))[..., group, :]
-    if axes is not None:
-        back = np.swapaxes(axes, -1, -2)
-        drawn = np.concatenate(
-            [rotate(back, drawn[..., :3]), rotate(back, drawn[..., 3:])], axis=-1
-        )
     turn, shift = so3_exp(arm.rotation * drawn[..., 3:]), arm.translation * drawn[..., :3]
     moved: Array = rotate(turn[..., None, :, :], points - origins) + origins + shift[..., None, :]
     return moved

@@ -21,8 +21,14 @@ from calib.diagnosis.functions import polyline, pose_variables
 from calib.diagnosis.prior import prior_rows
 from calib.diagnosis.stage import determined_by
 from calib.effects.joint import along_axis
-from calib.effects.protocol import Parameter, PoseEffect, State, TwistEffect, displaced
-from calib.effects.tuned import SteadyTwist
+from calib.effects.protocol import (
+    FrameEffect,
+    Parameter,
+    PoseEffect,
+    State,
+    TwistEffect,
+    displaced,
+)
 from calib.identification.scan import times
 from calib.linear import LinearProblem
 from calib.model import Model
@@ -199,7 +205,7 @@ def _with_frame(model: Model, frame: int) -> Model:
     """The model with a displacement of a frame along its axes as its last six parameters."""
     names = ("x", "y", "z", "rx", "ry", "rz")
     own = tuple(Parameter("steady", "frame", name, "um", 1e-6, 1e-3) for name in names)
-    moved = SteadyTwist(where="frame", own=own, allowance=None, frame=frame, directions=np.eye(6))
+    moved = FrameEffect(where="frame", own=own, frame=frame, directions=np.eye(6))
     return model.with_effects((*model.effects, moved))
 
 

@@ -30,6 +30,7 @@ from calib.arm.kinematics import Frames
 from calib.arm.statics import Loads, Transmitted
 from calib.arrays import Array
 from calib.effects.context import ARM, Context, Expectation
+from calib.errors import EffectCannotAct
 from calib.poses import Poses
 
 _SI = {
@@ -187,16 +188,37 @@ def displaced(twists: Sequence[Twist], values: Array) -> tuple[Displacement, ...
 
 @dataclass(frozen=True, eq=False)
 class DirectedEffect(Effect):
-    """Displaces something along b constant directions by amounts that follow from the pose."""
+    """Displaces something along b constant directions by amounts that follow from the pose.
+
+    By itself it is no cause by name: it displaces by the same amounts at every pose.
+
+    own : tuple of Parameter, these amounts
+    """
+
+    own: tuple[Parameter, ...] = field(default=(), kw_only=True)
+    kind: ClassVar[str] = "steady"
+
+    @classmethod
+    def places(cls, context: Context) -> tuple[str, ...]:
+        return ()
+
+    @classmethod
+    def at(cls, context: Context, where: str) -> Effect:
+        raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
 
     @property
     @abstractmethod
     def direction_count(self) -> int:
         """How many directions, b."""
 
-    @abstractmethod
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.own or super().parameters
+
     def response(self, poses: Poses, values: Array) -> Array:
         """D amounts / d value at values (..., p), shape (..., m, b, p)."""
+        p = len(self.own)
+        return np.broadcast_to(np.eye(p), (len(poses), p, p))
 
     def amounts(self, poses: Poses, values: Array) -> Array:
         """By how much each direction is displaced at values (..., p), shape (..., m, b), SI."""

@@ -15,14 +15,13 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.context import Context
 from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
 from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
-from calib.errors import EffectCannotAct
 from calib.poses import Poses
 
 ANY_TUNING = 1e9
 """No bound on a tuning: the data alone speak of it."""
+_DISPLACING: tuple[type[DirectedEffect], ...] = FrameEffect, MarkerEffect, RigidReading, PartEffect
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +92,10 @@ class Tuned(DirectedEffect):
     @property
     def carrier(self) -> Effect:
         """The linear effect with the b directions and all functions one."""
-        acts = next(kind for kind in _STEADY if isinstance(self, kind))
+        acts = next(kind for kind in _DISPLACING if isinstance(self, kind))
         fixed = {field.name: getattr(self, field.name) for field in fields(acts)}
         unknowns = self.amplitudes[: self.direction_count]
-        return _STEADY[acts](**fixed | {"own": unknowns, "allowance": None})
+        return acts(**fixed | {"own": unknowns, "allowance": None})
 
 
 def _table(values: Array, F: Array) -> Array:
@@ -115,59 +114,3 @@ def amid(effect: Effect, poses: Poses) -> Effect:
     if not isinstance(effect, Tuned) or not len(grid):
         return effect
     return effect.tuned(grid[len(grid) // 2])
-
-
-@dataclass(frozen=True, eq=False)
-class Steady(DirectedEffect):
-    """What carries a tuned effect: its directions alone, constant over the poses.
-
-    own : tuple of Parameter, of the tuned effect's first function
-    """
-
-    own: tuple[Parameter, ...]
-    kind: ClassVar[str] = "steady"
-
-    @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return ()
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        raise EffectCannotAct(f"{cls.kind}:{where}", "it is no cause by name", "name another")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.own
-
-    def response(self, poses: Poses, values: Array) -> Array:
-        p = len(self.own)
-        return np.broadcast_to(np.eye(p), (len(poses), p, p))
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyTwist(Steady, FrameEffect):
-    """A constant displacement of one frame."""
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyMarker(Steady, MarkerEffect):
-    """A constant displacement of one marker."""
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyReading(Steady, RigidReading):
-    """A constant displacement of all readings."""
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyPart(Steady, PartEffect):
-    """A constant displacement of a part of an instrument, or of what it looks at."""
-
-
-_STEADY: dict[type[DirectedEffect], type[Steady]] = {
-    FrameEffect: SteadyTwist,
-    MarkerEffect: SteadyMarker,
-    RigidReading: SteadyReading,
-    PartEffect: SteadyPart,
-}
-"""By what an effect displaces: how it does so alike at all poses."""

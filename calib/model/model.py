@@ -284,19 +284,6 @@ class Model:
             self.noise_scales,
         )
 
-    def placement(self, values: Array, poses: Poses) -> tuple[Array, Array]:
-        """R_station_base (..., m, 3, 3) and p_station_base (..., m, 3), m, of the tracker."""
-        batch = values.shape[:-1]
-        R = np.broadcast_to(np.eye(3), (*batch, len(poses), 3, 3)).copy()
-        p = np.zeros((*batch, len(poses), 3))
-        for effect, part in self.of(Base):
-            if isinstance(effect.of, Tracker):
-                R_base, p_base = effect.of.placement(values[..., part])
-                here = poses.station == effect.station
-                R[..., here, :, :] = R_base[..., None, :, :]
-                p[..., here, :] = p_base[..., None, :]
-        return R, p
-
     def tip_points(self, frames: Frames, values: Array, poses: Poses) -> Array:
         """Markers in base axes, shape (..., m, M, 3), m."""
         markers = self._fixed_on_tip(values, poses)

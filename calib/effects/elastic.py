@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, needs, softer, turning_joints
-from calib.effects.joint import AlongJoint, along_axis, compliance_unit
+from calib.effects.joint import OnJoint, along_axis, compliance_unit
 from calib.effects.protocol import ElasticEffect, Flexibilities, Parameter, Unknown
 from calib.errors import CalibError
 from calib.poses import Poses
@@ -22,7 +22,7 @@ _SLENDER = 5e-4  # rad/(N m): a changer or a slender tool
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticDrive(AlongJoint, ElasticEffect):
+class ElasticDrive(OnJoint, ElasticEffect):
     """A joint that yields along its own variable: ``dq = compliance * torque``.
 
     Paper, equation 2 with a diagonal k_theta. A drive that moves joint j by ``factor_j`` of its own

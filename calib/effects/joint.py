@@ -14,7 +14,14 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.context import Context, Expectation, joint_index, light, needs, turning_joints
-from calib.effects.protocol import Constant, Parameter, PoseEffect, Twist, TwistEffect, Unknown
+from calib.effects.protocol import (
+    Constant,
+    Effect,
+    Parameter,
+    PoseEffect,
+    Twist,
+    Unknown,
+)
 from calib.poses import Poses
 
 _SERVO = 10.0  # 2 mrad become 20: geared servos have 4 to 6 when new (ROBOTIS, MX-28 and XM430)
@@ -53,11 +60,11 @@ def compliance_unit(prismatic: bool) -> tuple[str, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class AlongJoint(TwistEffect):
-    """A twist along the variable of one joint: an error of its reading, or of its drive.
+class OnJoint(Effect):
+    """Acts along the variable of one joint.
 
     frame : int, the joint's
-    axis : ndarray, shape (6,), unit displacement along the joint's variable
+    axis : ndarray, shape (6,), unit displacement, or wrench, along the joint's variable
     turns : whether its places are joints that turn, not slide
     """
 
@@ -89,7 +96,7 @@ class AlongJoint(TwistEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class JointOffset(AlongJoint, Constant):
+class JointOffset(OnJoint, Constant):
     """Zero error of a joint: ``q_true = q_read + offset``."""
 
     kind: ClassVar[str] = "joint_offset"
@@ -101,7 +108,7 @@ class JointOffset(AlongJoint, Constant):
 
 
 @dataclass(frozen=True, eq=False)
-class DriveError(AlongJoint, PoseEffect):
+class DriveError(OnJoint, PoseEffect):
     """An error of a joint's variable: ``dq = shares @ parameters``."""
 
     @abstractmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -23,12 +24,12 @@ from calib.effects.context import (
     needs,
     turning_joints,
 )
-from calib.effects.joint import along_axis, error_unit
+from calib.effects.joint import OnJoint, along_axis, error_unit
 from calib.effects.protocol import (
     Effect,
+    LoadEffect,
     Parameter,
     PoseEffect,
-    SpringEffect,
     Twist,
     Unknown,
     WeightEffect,
@@ -51,6 +52,22 @@ _SERVICE = 3.0  # strain-wave joints of 300 to 450 urad/(N m) under 70 N m (DLR 
 
 
 @dataclass(frozen=True, eq=False)
+class SpringEffect(OnJoint, LoadEffect):
+    """A wrench between two links, along the variable of the joint between them."""
+
+    @abstractmethod
+    def torques(self, poses: Poses) -> Array:
+        """D torque (or force) / d parameter at each pose, shape (m, p), SI."""
+
+    def wrench_basis(self, poses: Poses, frames: int) -> Array:
+        """D w / d parameter, shape (m, frames, 6, p), in the axes of each frame of the arm."""
+        torques = self.torques(poses)
+        basis = np.zeros((len(poses), frames, 6, torques.shape[-1]))
+        basis[:, self.frame] = self.axis[:, None] * torques[:, None, :]
+        return basis
+
+
+@dataclass(frozen=True, eq=False)
 class GravityCompensator(SpringEffect):
     """Spring and preload of a compensator on a revolute joint, evaluated at the angle as read.
 
@@ -64,18 +81,14 @@ class GravityCompensator(SpringEffect):
 
     anchors: Array
     kind: ClassVar[str] = "gravity_compensator"
+    turns: ClassVar[bool] = True
     unknowns: ClassVar[tuple[Unknown, ...]] = (("spring", "N/mm", 1e5), ("preload", "N", 1e4))
 
     @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return turning_joints(context)
-
-    @classmethod
     def at(cls, context: Context, where: str) -> Self:
-        joint, robot = joint_index(context, where), context.robot
-        given = context.anchors.get(where)
+        joint, given = joint_index(context, where), context.anchors.get(where)
         anchors = default_anchors(context, joint) if given is None else given
-        return cls(where, joint + 1, robot.frame_count, along_axis(robot, joint), anchors)
+        return cls(where, joint + 1, along_axis(context.robot, joint), anchors)
 
     @classmethod
     def expected(cls, context: Context, where: str) -> Expectation:
@@ -138,15 +151,6 @@ class FrictionWindup(SpringEffect):
     uses: ClassVar[tuple[str, ...]] = ("approach",)
 
     @classmethod
-    def places(cls, context: Context) -> tuple[str, ...]:
-        return context.robot.joints
-
-    @classmethod
-    def at(cls, context: Context, where: str) -> Self:
-        joint, robot = joint_index(context, where), context.robot
-        return cls(where, joint + 1, robot.frame_count, along_axis(robot, joint))
-
-    @classmethod
     def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
         here = {effect.kind for effect in active if effect.where == where}
         if "stiffness_vs_angle" in here:
@@ -155,7 +159,7 @@ class FrictionWindup(SpringEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        named = ("force", "N") if self.axis[:3].any() else ("torque", "N m")
+        named = ("force", "N") if self.slides else ("torque", "N m")
         return (self.parameter(*named, _FRICTION, _MOST_FRICTION),)
 
     def torques(self, poses: Poses) -> Array:

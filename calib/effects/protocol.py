@@ -8,7 +8,8 @@ An effect acts on the paper's product ``T_base T_robot T_tool`` (equation 6) in 
 - :class:`ElasticEffect` is a twist by a flexibility times the wrench that the frame transmits,
   ``xi = K(parameters) w`` (equation 2 with the terms of k_theta that it stands for).
 - :class:`LoadEffect` adds to the wrench that frames transmit, and so moves what is elastic. A
-  :class:`SpringEffect` acts beside a joint, a :class:`WeightEffect` by what hangs on the arm.
+  :class:`~calib.effects.loads.SpringEffect` acts beside a joint, a :class:`WeightEffect` by what hangs
+  on the arm.
 - The two kinds of :mod:`calib.effects.tool_base` are the outer factors.
 - The kinds of :mod:`calib.effects.readings` displace a marker, a reading, or a part of an instrument.
 
@@ -329,30 +330,6 @@ class LoadEffect(Effect):
     @property
     def depends_on(self) -> str:
         return super().depends_on if self.uses else "load"
-
-
-@dataclass(frozen=True, eq=False)
-class SpringEffect(LoadEffect):
-    """A wrench between two links, along the variable of the joint between them.
-
-    frame : int, the joint's; frames : int, of the arm
-    axis : ndarray, shape (6,), unit wrench along the joint's variable
-    """
-
-    frame: int
-    frames: int
-    axis: Array
-
-    @abstractmethod
-    def torques(self, poses: Poses) -> Array:
-        """D torque (or force) / d parameter at each pose, shape (m, p), SI."""
-
-    def wrench_basis(self, poses: Poses) -> Array:
-        """D w / d parameter, shape (m, n + 2, 6, p), in the axes of each frame."""
-        torques = self.torques(poses)
-        basis = np.zeros((len(poses), self.frames, 6, torques.shape[-1]))
-        basis[:, self.frame] = self.axis[:, None] * torques[:, None, :]
-        return basis
 
 
 @dataclass(frozen=True, eq=False)

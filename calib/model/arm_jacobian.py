@@ -15,11 +15,11 @@ from calib.arm.robot import Robot
 from calib.arm.se3 import cross
 from calib.arm.statics import Loads, Transmitted, change_beyond, transmitted
 from calib.arrays import Array, IntArray
+from calib.effects.loads import SpringEffect
 from calib.effects.protocol import (
     Constant,
     Effect,
     LoadEffect,
-    SpringEffect,
     State,
     TwistEffect,
     WeightEffect,
@@ -105,7 +105,7 @@ def _fields(state: State, frame: int, fixed: bool, basis: Array) -> Array:
 def _wrenches(robot: Robot, effect: Effect, state: State, given: Loads) -> Array:
     """What a load effect adds to all frames, shape (..., m, F, 6, p), in their axes."""
     if isinstance(effect, SpringEffect):
-        return effect.wrench_basis(state.poses)
+        return effect.wrench_basis(state.poses, robot.frame_count)
     if not isinstance(effect, WeightEffect):
         raise TypeError(f"{effect.kind} is neither a spring nor a weight")
     carriers = link_origins(robot, state.frames, state.poses.q)

@@ -23,6 +23,7 @@ from calib.arm.kinematics import Frames, forward, link_origins, point_levers
 from calib.arm.robot import Robot
 from calib.arm.se3 import rotate
 from calib.arrays import Array, IntArray, in_parts, room
+from calib.effects.loads import SpringEffect
 from calib.effects.protocol import (
     Constant,
     Displacement,
@@ -31,7 +32,6 @@ from calib.effects.protocol import (
     LoadEffect,
     Parameter,
     PoseEffect,
-    SpringEffect,
     State,
     TwistEffect,
     WeightEffect,
@@ -227,7 +227,7 @@ class Model:
         """Wrenches of springs beside the joints, shape (..., m, F, 6), in frame axes."""
         total = np.zeros((len(poses), self.robot.frame_count, 6))
         for effect, part in self.of(SpringEffect):
-            basis = effect.wrench_basis(poses)
+            basis = effect.wrench_basis(poses, self.robot.frame_count)
             total = total + np.einsum("mfip,...p->...mfi", basis, values[..., part])
         return total
 

@@ -23,18 +23,21 @@ def drawn_readings(
     poses: Poses,
     noise: Noise | None,
     rng: np.random.Generator,
-    instrument: Array | None = None,
     arm: Repeatability | None = None,
 ) -> Measurements:
     """Readings of all markers at the poses, with the noise of the instruments.
 
     values : ndarray, shape (p,), SI, the truth
-    noise : of a tracker, in place of the model's, whose beams start at ``instrument``, shape (3,), m,
-        base frame, else at the origin of its readings; None for the model's own instruments
+    noise : of a tracker, in place of the model's, with beams from the origin of its readings; None for
+        the model's own instruments
     arm : how the tip scatters from one approach to the next, None for not at all
     """
     if noise is not None:
-        model = _with_tracker(model, noise, instrument)
+        read = [
+            replace(i, noise=noise, stands=None) if isinstance(i, Tracker) else i
+            for i in model.instruments
+        ]
+        model = replace(model, instruments=tuple(read))
     exact = model.predict(values, poses)
     noisy = draw(whitening(model, values, poses, exact), rng)
     if arm is not None:
@@ -59,15 +62,6 @@ def photographed(model: Model, values: Array, poses: Poses) -> Mask:
         if isinstance(camera, Camera):
             found[:, part] = camera.found(taken(camera, points))
     return found
-
-
-def _with_tracker(model: Model, noise: Noise, stands: Array | None) -> Model:
-    """The model with other noise of its trackers."""
-    changed = (
-        replace(i, noise=noise, stands=stands) if isinstance(i, Tracker) else i
-        for i in model.instruments
-    )
-    return replace(model, instruments=tuple(changed))
 
 
 def whitening(model: Model, values: Array, poses: Poses, readings: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Write a cell with more effects in its model: the user's own file, all else as it stands."""
+"""Write a cell with more effects, or terms of motions, in its model: all else as it stands."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from calib.poses import Poses
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
+
+    from calib.motion.diagnose import MotionDiagnosis
 
 _LARGEST_FILE = 2_000_000  # bytes
 
@@ -141,3 +143,31 @@ def write_paths(document: TOMLDocument, source: Path, target: Path) -> None:
         file = source / given
         seen = os.path.relpath(file.parent.resolve() / file.name, target.resolve())
         table[key] = Path(seen).as_posix()
+
+
+def cell_with_terms(found: MotionDiagnosis, target: Path) -> tuple[str, list[str]]:
+    """The text of a cell file whose model has what was found too, and the entries that are new.
+
+    target : where it is to be written; files are named as seen from there
+
+    Raises InputError where the cell file cannot be read any more.
+    """
+    import tomlkit
+
+    from calib.motion.effects import INERTIALS, PAYLOAD
+
+    places = dict[str, list[str]]()
+    for cause in found.causes:
+        places.setdefault(cause.effect, []).append(cause.where)
+    added = [
+        kind
+        if kind in (PAYLOAD, INERTIALS) or len(joints) == found.cell.robot.dof
+        else f"{kind}:{','.join(joints)}"
+        for kind, joints in places.items()
+    ]
+    document = document_of(found.cell)
+    model: Any = document.setdefault("model", tomlkit.table())
+    for entry in added:
+        model.setdefault("effects", tomlkit.array()).append(entry)
+    write_paths(document, found.cell.path.parent, target.parent)
+    return document.as_string(), added

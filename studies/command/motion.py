@@ -34,7 +34,7 @@ def deliver_motions(
     Raises InputError.
     """
     from calib.errors import InputError
-    from calib.files.motion_cell import cell_with_terms
+    from calib.files.cell_out import cell_with_terms
     from calib.motion.diagnose import diagnose_motions, identify_motions
     from calib.threads import one_blas_thread
     from studies.results.motion import MotionResult

@@ -337,7 +337,7 @@ def test_default_anchors_hold_the_link_up() -> None:
     away = np.linalg.norm(spring.anchors, axis=1)
     np.testing.assert_allclose(away, robot.reach * np.array([0.2, 0.05]))
     poses = random_poses(np.random.default_rng(0), robot, 30, loaded=False)
-    preload = spring.wrench_basis(poses)[:, 2, 3:, 1] @ robot.axes[1]
+    preload = spring.wrench_basis(poses, robot.frame_count)[:, 2, 3:, 1] @ robot.axes[1]
     link = forward(robot, poses.q)
     out = link.o[:, 3] - link.o[:, 2]
     axis = np.einsum("mab,b->ma", link.R[:, 2], robot.axes[1])

@@ -16,7 +16,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import InputError
 from calib.files.bag import read_bag
-from calib.files.motion_cell import cell_with_terms
+from calib.files.cell_out import cell_with_terms
 from calib.files.motion_out import own_links, robot_with
 from calib.files.motions import load_motions
 from calib.motion.diagnose import MotionDiagnosis, diagnose_motions

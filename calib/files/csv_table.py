@@ -188,6 +188,15 @@ def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) ->
     return columns
 
 
+def columns_of(path: Path) -> set[str]:
+    """The columns of a table, to know its kind; none where whoever reads it says what is wrong."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return {name.strip() for name in next(csv.reader([file.readline(LONGEST_LINE)]), [])}
+    except (OSError, ValueError, csv.Error):
+        return set()
+
+
 def _how_to_name(name: str, columns: tuple[str, ...], below: list[str]) -> str:
     """What to do where a column is missing that the header, or the next line, may have."""
     for mark, called in _MARKS.items():

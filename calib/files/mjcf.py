@@ -56,30 +56,21 @@ def mjcf_tree(path: Path) -> tuple[Tree, Any]:
         body = int(model.site_bodyid[s])
         T = inverse(frames[body]) @ _frame(data.site_xmat[s], data.site_xpos[s])
         joints.append(Joint("", "fixed", links[body], site or f"\0site {s}", T))
-    weights = tuple(
-        _weight(
-            links[b],
-            float(model.body_mass[b]),
-            model.body_inertia[b],
-            inverse(frames[b]) @ _frame(data.ximat[b], data.xipos[b]),
-        )
-        for b in range(1, model.nbody)
-    )
+    weights = []
+    for b in range(1, model.nbody):  # by principal moments in a frame of its own
+        T = inverse(frames[b]) @ _frame(data.ximat[b], data.xipos[b])
+        inertia = T[:3, :3] @ np.diag(model.body_inertia[b]) @ T[:3, :3].T
+        weights.append(Weight(links[b], float(model.body_mass[b]), T[:3, 3], inertia))
     return Tree(
         Source("mjcf", files),
         title,
         (*links, *(joint.child for joint in joints[len(joints) - len(sites) :])),
         tuple(joints),
-        weights,
+        tuple(weights),
         lambda link: _shapes(model, data, links.index(link), frames) if link in links else iter(()),
         ground=links[0],
         called="body or site",
     ), model
-
-
-def _weight(link: str, mass: float, principal: Array, T: Array) -> Weight:
-    """A body by its principal moments of inertia (3,), kg m^2, in a frame (4, 4), m, of its own."""
-    return Weight(link, mass, T[:3, 3], T[:3, :3] @ np.diag(principal) @ T[:3, :3].T)
 
 
 def _at_zero(model: Any) -> tuple[Any, tuple[Array, ...]]:

@@ -19,7 +19,7 @@ from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.mjcf import mjcf_tree
 from calib.files.read import read_xml
-from calib.files.robot_out import Written, corrected_robot
+from calib.files.robot_out import Written, corrected_robot, words_of
 from calib.files.tree import gathered
 from calib.files.urdf import read_urdf, urdf_tree
 from calib.motion.effects import EFFECTS
@@ -125,17 +125,13 @@ def _write_inertial(link: Element, P: Array, form: str) -> None:
     moments = {"xyz"[i] + "xyz"[j]: f"{inertia[i, j]:.15g}" for i, j in TENSOR}
     if form == "mjcf":
         full = " ".join(moments[axes] for axes in _FULL)
-        own = Element("inertial", pos=_words(com), mass=f"{mass:.15g}", fullinertia=full)
+        own = Element("inertial", pos=words_of(com), mass=f"{mass:.15g}", fullinertia=full)
     else:
         own = Element("inertial")
-        SubElement(own, "origin", xyz=_words(com), rpy="0 0 0")
+        SubElement(own, "origin", xyz=words_of(com), rpy="0 0 0")
         SubElement(own, "mass", value=f"{mass:.15g}")
         SubElement(own, "inertia", {f"i{axes}": value for axes, value in moments.items()})
     link.insert(0, own)
-
-
-def _words(values: Array) -> str:
-    return " ".join(f"{value + 0.0:.15g}" for value in values)
 
 
 def _own_mjcf(robot: Robot) -> Element:
@@ -157,18 +153,18 @@ def _bare_mjcf(robot: Robot, gravity: Array) -> Element:
     """The chain with its limits: bodies named as their joints, tips as sites."""
     root = Element("mujoco", model=robot.name)
     SubElement(root, "compiler", angle="radian", autolimits="true", eulerseq="XYZ")
-    SubElement(root, "option", gravity=_words(gravity))
+    SubElement(root, "option", gravity=words_of(gravity))
     bodies = [SubElement(root, "worldbody")]
     names = (*robot.joints, *robot.tips)
     for k, (name, parent, T) in enumerate(zip(names, robot.parents, robot.origins, strict=True)):
-        place = {"pos": _words(T[:3, 3]), "euler": _words(rpy_from_rotation(T[:3, :3]))}
+        place = {"pos": words_of(T[:3, 3]), "euler": words_of(rpy_from_rotation(T[:3, :3]))}
         below = SubElement(bodies[parent], "site" if k >= robot.dof else "body", place, name=name)
         if k < robot.dof:
             bodies.append(below)
             kind = "slide" if robot.prismatic[k] else "hinge"
-            joint = SubElement(below, "joint", name=name, type=kind, axis=_words(robot.axes[k]))
+            joint = SubElement(below, "joint", name=name, type=kind, axis=words_of(robot.axes[k]))
             if np.isfinite(robot.limits[k]).all():
-                joint.set("range", _words(robot.limits[k]))
+                joint.set("range", words_of(robot.limits[k]))
             if np.isfinite(robot.efforts[k]):
-                joint.set("actuatorfrcrange", _words(robot.efforts[k] * np.array([-1.0, 1.0])))
+                joint.set("actuatorfrcrange", words_of(robot.efforts[k] * np.array([-1.0, 1.0])))
     return root

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.columns import column_of, joint_columns, titles, torque_columns, units_of
-from calib.files.csv_table import CsvTable, read_rows
+from calib.files.csv_table import CsvTable, columns_of, read_rows
 from calib.motion.filtering import SLOW
 from calib.motion.motions import Motions, Run, Unit
 
@@ -31,11 +30,7 @@ _UNSIGNED = 2.0 / 3.0  # share of the joints
 
 def holds_motions(path: Path) -> bool:
     """Whether a table holds motions: a header of times without markers and poses."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            names = {name.strip() for name in next(csv.reader(file), [])}
-    except (OSError, UnicodeDecodeError, csv.Error):
-        return False
+    names = columns_of(path)
     driven = any(name.endswith(("_Nm", "_N", "_A")) for name in names)
     return driven and "time_s" in names and not names & {"marker", "pose", "instrument"}
 

@@ -127,11 +127,11 @@ def _write_origin(element: Element, T: Array) -> None:
     origin = element.find("origin")
     if origin is None:
         origin = SubElement(element, "origin")
-    origin.set("xyz", _words(T[:3, 3]))
-    origin.set("rpy", _words(rpy_from_rotation(T[:3, :3])))
+    origin.set("xyz", words_of(T[:3, 3]))
+    origin.set("rpy", words_of(rpy_from_rotation(T[:3, :3])))
 
 
-def _words(values: Array) -> str:
+def words_of(values: Array) -> str:
     """Numbers to 15 digits, as URDF attributes hold them."""
     return " ".join(f"{value + 0.0:.15g}" for value in values)  # no -0
 
@@ -148,7 +148,7 @@ def _bare_chain(robot: Robot) -> Element:
         kind = "prismatic" if slides else "revolute" if limited else "continuous"
         child = _free_name(robot, f"{name}_link")
         joint = _joint(root, name, kind, (link, child), robot.origins[k])
-        SubElement(joint, "axis", xyz=_words(robot.axes[k]))
+        SubElement(joint, "axis", xyz=words_of(robot.axes[k]))
         effort = f"{np.nan_to_num(robot.efforts[k]):.15g}"
         limit = SubElement(joint, "limit", effort=effort, velocity="0")
         if limited or slides:

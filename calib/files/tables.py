@@ -19,7 +19,7 @@ from calib.files.columns import (
     joint_values,
     shared_columns,
 )
-from calib.files.csv_table import LONGEST_LINE, CsvTable, read_table
+from calib.files.csv_table import CsvTable, columns_of, read_table
 from calib.files.odd import (
     odd_cell,
     odd_joints,
@@ -129,12 +129,7 @@ def load_plan(cell: Cell, path: str | Path) -> Poses:
 
 def holds_points(path: str | Path) -> bool:
     """Whether a table has a column of markers: it is of measurements, not a plan."""
-    try:
-        with Path(path).open(encoding="utf-8-sig") as file:
-            first = file.readline(LONGEST_LINE)
-    except (OSError, ValueError):
-        return False  # whoever reads the table says what is wrong with it
-    return "marker" in [name.strip() for name in first.split(",")]
+    return "marker" in columns_of(Path(path))
 
 
 def load_targets(cell: Cell, path: str | Path) -> tuple[Poses, Array]:

@@ -111,7 +111,7 @@ class Identification(Result, Estimation):
     @property
     def rank(self) -> int:
         """How many directions the readings determine."""
-        return self.choice.rank
+        return len(self.choice.kept)
 
     @property
     def unidentifiable(self) -> tuple[Unidentifiable, ...]:

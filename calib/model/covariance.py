@@ -34,12 +34,10 @@ class Identifiable:
     """What a set of poses can determine.
 
     kept : ndarray of int, positions of the directions (columns of the span) that are estimated
-    rank : int
     unidentifiable : tuple of Unidentifiable
     """
 
     kept: IntArray
-    rank: int
     unidentifiable: tuple[Unidentifiable, ...]
 
 
@@ -76,7 +74,7 @@ def identifiable(J: Array, sizes: Array, ids: tuple[str, ...]) -> Identifiable:
             else "no reading changes with it at these poses"
         )
         lost.append(Unidentifiable((ids[position],), reason))
-    return Identifiable(np.sort(order[:rank]), rank, tuple(lost))
+    return Identifiable(np.sort(order[:rank]), tuple(lost))
 
 
 def covariance(J: Array, span: Array) -> Array:

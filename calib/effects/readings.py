@@ -93,7 +93,7 @@ class TrackerScale(ReadingEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class RigidReading(DirectedEffect, ReadingEffect):
+class RigidReading(ReadingEffect, DirectedEffect):
     """Moves all readings of a pose as one body, along and about the axes of their station."""
 
     @property

@@ -21,7 +21,6 @@ from calib.keys import fault_of_name
 _LARGEST_FILE = 100_000_000  # bytes, some 700 000 rows, a gigabyte in memory
 _LARGEST_NUMBER = 1e12  # in any unit
 _REMEDY = "leave the row out if it was not measured"
-_MOST_COLUMNS = 1000
 _COMMENT = re.compile(r"#(\s|#|[^,]*$)")  # a pose may be named #1
 _SHOWN = 6
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
@@ -176,8 +175,6 @@ def _header(path: Path, reader: Iterator[list[str]], required: Sequence[str]) ->
     columns = tuple(name.strip() for name in next(filter(None, reader), []))
     if not any(columns):
         raise InputError(path, "", "is empty", "the first line must name the columns")
-    if len(columns) > _MOST_COLUMNS:
-        raise InputError(path, "line 1", f"names {len(columns)} columns", "keep those needed")
     for name in columns:
         if name and columns.count(name) > 1:
             raise InputError(path, "line 1", f"column {name!r} stands twice", "keep one")

@@ -23,9 +23,7 @@ from calib.files.csv_table import CsvTable, read_table
 
 _KINDS = ("revolute", "prismatic")
 _COLUMNS = {"alpha": ANGLES, "a": LENGTHS, "theta": ANGLES, "d": LENGTHS}
-_MOST_JOINTS = 100
 _TURNS = 2 * math.pi + 0.1  # rad: more is probably degrees
-_LONGEST = 50.0  # m of a link: more is probably millimetres
 
 
 def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
@@ -38,9 +36,6 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
     table = read_table(
         path, ("joint",), lambda names: _check_columns(path, names), "joints", "write a number"
     )
-    if len(table.rows) > _MOST_JOINTS:
-        what = f"has {len(table.rows)} joints, at most {_MOST_JOINTS} are possible"
-        raise InputError(path, "", what)
     table.refuse_twice("joint", "name each joint once")
     kinds = table.text("kind") if "kind" in table.columns else len(table.rows) * ["revolute"]
     for row, kind in enumerate(kinds):
@@ -84,10 +79,8 @@ def _values(table: CsvTable, name: str, units: dict[str, float]) -> Array:
     looks = {  # nobody bends an axis by pi / 2 degrees
         "rad": ("degrees", "deg", np.abs(values) > _TURNS),
         "deg": ("radians", "rad", (np.abs(quarters - whole) < 1e-3) & (whole >= 1) & (whole < 3)),
-        "m": ("millimetres", "mm", (np.abs(values) > _LONGEST) & (name == "a")),
-        "mm": ("", "", np.zeros(len(values), dtype=bool)),
     }
-    other, right, wrong = looks[unit]
+    other, right, wrong = looks.get(unit, ("", "", np.zeros(len(values), dtype=bool)))
     for row in np.flatnonzero(wrong)[:1].tolist():
         what = f"{values[row]:.10g} looks like {other}"
         raise table.fault(row, column, what, f"name the column {name}_{right}")

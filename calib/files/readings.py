@@ -15,7 +15,6 @@ from calib.files.csv_table import CsvTable
 from calib.instruments import Instrument
 
 _MOST_NAMED = 12
-_FARTHEST = 1e4  # m: no instrument of this trade reads as far
 
 
 def reading_names(instruments: Iterable[Instrument | type[Instrument]]) -> set[str]:
@@ -141,14 +140,10 @@ def _numbers(table: CsvTable, instrument: Instrument, rows: IntArray) -> Array:
             text = table.text(name)
             given = np.array([bool(text[row]) for row in rows])
         numbers[given, k] = table.numbers(name, rows[given]) * scale
-    length = np.array([c.quantity == "length" for c in instrument.columns], bool)[: len(columns)]
-    for at, k in np.argwhere((np.abs(numbers) > _FARTHEST) & length)[:1].tolist():
-        row, name = int(rows[at]), columns[k][0]
-        what = f"{table.rows[row][table.columns.index(name)]} is farther than 10 km"
-        raise table.fault(row, name, what, "check the reading and its unit")
     read = instrument.row_of(numbers)
     for row in rows[~np.isfinite(read).all(axis=1)][:1].tolist():
-        name = columns[int(np.flatnonzero(~length)[0])][0]
+        kinds = [column.quantity for column in instrument.columns]
+        name = columns[kinds.index("ratio")][0]
         what = f"and what belongs to it are no reading of kind {instrument.kind}"
         raise table.fault(row, name, what, "a quaternion has a length of one")
     return read

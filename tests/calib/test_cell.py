@@ -230,7 +230,6 @@ PAIR = 'between = ["left", "right"]'
         ("b,wire,ball,20,321.5", "b,wire,ball,20,", "line 3, column d_mm: is empty"),
         ("c,right,ball,30,", "a,right,ball,10,", "touches 'left' too; give each its own pose"),
         ("a,left,", "a,middle,", "'middle' is not in the cell; instruments are wire"),
-        ("e,table,ball,50,0.25", "e,table,ball,50,2e8", "farther than 10 km"),
     ],
 )
 def test_faults_of_what_touches(tmp_path: Path, old: str, new: str, said: str) -> None:

@@ -274,6 +274,14 @@ class Model:
         return self.markers + offsets
 
     @cached_property
+    def marker_columns(self) -> Array:
+        """How they follow the parameters from the first guess, shape (M, 3, p)."""
+        J = np.zeros((*self.markers.shape, len(self.parameters)))
+        for effect, part in self.of(Tool):
+            J[effect.markers, :, part] = effect.columns(effect.initial)
+        return J
+
+    @cached_property
     def readout(self) -> Readout:
         """What makes readings of points."""
         return Readout(
@@ -419,13 +427,10 @@ class Model:
 
     def _place_of(self, name: str, values: Array) -> tuple[Array, Array]:
         """A marker on its tip or a socket in base axes, (..., 3), and its derivative (3, p)."""
-        J = np.zeros((3, len(self.parameters)))
         if name in self.marker_names:
             marker = self.marker_names.index(name)
-            for effect, part in self.of(Tool):
-                if effect.marker == marker:
-                    J[list(effect.components), part] = np.eye(len(effect.components))
-            return self.marker_positions(values)[..., marker, :], J
+            return self.marker_positions(values)[..., marker, :], self.marker_columns[marker]
+        J = np.zeros((3, len(self.parameters)))
         for base, part in self.of(Base):
             if base.where == name:
                 J[:, part] = np.eye(3)

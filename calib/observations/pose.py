@@ -152,16 +152,9 @@ class PoseObservation(Observation):
             own = kept_in_place(self.shape, free_components(self.model)) @ own
             turned = response.reshape(m, p, -1, 3) @ T[:, None, :3, :3]
             shifted = turned.reshape(m, p, -1).sum(axis=0)
-            response = response + (self._tool_columns() - shifted) @ own
+            followed = self.model.marker_columns.reshape(-1, p).T  # by markers of their own
+            response = response + (followed - shifted) @ own
         return np.asarray(response)
-
-    def _tool_columns(self) -> Array:
-        """How the markers' parameters follow the shape, (p, 3 M)."""
-        E = np.zeros((len(self.model.parameters), *self.model.markers.shape))
-        for effect, part in self.model.parts:
-            if isinstance(effect, Tool):
-                E[part, effect.marker] = np.eye(3)[list(effect.components)]
-        return E.reshape(len(E), -1)
 
     def span(self) -> Array:
         """The set of markers moves as one rigid body: its shape is no unknown."""

@@ -58,11 +58,7 @@ def pose_from_points(
 
 def free_components(model: Model) -> Mask:
     """Components of the markers that are parameters of the model, shape (M, 3)."""
-    free = np.zeros(model.markers.shape, dtype=bool)
-    for effect in model.effects:
-        if isinstance(effect, Tool):
-            free[effect.markers] |= np.abs(effect.columns(effect.initial)).any(axis=-1)
-    return free
+    return np.asarray(model.marker_columns.any(axis=-1))
 
 
 def with_measured_shape(model: Model, data: Measurements, values: Array) -> Array:
@@ -86,9 +82,8 @@ def with_measured_shape(model: Model, data: Measurements, values: Array) -> Arra
             break
     offsets = _laid(shape, markers, free) - model.markers
     placed = np.broadcast_to(values, (*offsets.shape[:-2], len(values))).copy()
-    for effect, part in model.parts:
-        if isinstance(effect, Tool):
-            placed[..., part] = offsets[..., effect.marker, list(effect.components)]
+    tools = model.where(Tool)
+    placed[..., tools] = np.einsum("...mi,mip->...p", offsets, model.marker_columns[..., tools])
     return placed
 
 

@@ -385,7 +385,7 @@ class CellFile(TomlTable):
             self._load_twice(),
             *self._unread(),
             *(fault for name, own in self.cameras.items() for fault in self._unseeing(name, own)),
-            *self._unseen_boards(),
+            *self._idle(),
             *self._names_twice(),
             *self._distances(),
         )
@@ -397,13 +397,11 @@ class CellFile(TomlTable):
         own, load = self.payload, self.load
         if load is None or not own.mass or own.on != load.on or own.com != load.com:
             return ""
+        if not math.isclose(own.mass, load.mass, rel_tol=0.01):
+            return ""
         return (
-            ""
-            if not math.isclose(own.mass, load.mass, rel_tol=0.01)
-            else (
-                "[payload] and [load] are the same mass at the same place; it counts once: keep "
-                "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
-            )
+            "[payload] and [load] are the same mass at the same place; it counts once: keep "
+            "[payload] if it is carried at every pose, [load] if it is hung on for a second reading"
         )
 
     def _unread(self) -> Iterator[str]:
@@ -421,17 +419,19 @@ class CellFile(TomlTable):
                 self, table
             ):
                 yield f"reads {min(kinds)} and has no [{table}]; add what is read"
-        if self.bodies and "bodies" not in read.values():
-            yield "has [bodies] and no instrument of kind pose that reads them"
-        if self.markers_mm and "markers" not in read.values() and not self._reading_markers:
-            yield "has [markers_mm] and no instrument that reads them"
 
-    def _unseen_boards(self) -> Iterator[str]:
+    def _idle(self) -> Iterator[str]:
+        """What no instrument reads."""
+        read = [entry.reads for entry in self.instruments.values()]
         seen = {board for camera in self.cameras.values() for board in camera.seen(self.boards)}
-        for name in (own for own in self.boards if own not in seen):
-            on = self.boards[name].on
-            other = {WORLD: "on the tip", TIP: "on the world"}.get(on, "elsewhere")
-            yield f"has board {name} on {_named(on)} and no camera {other} that sees it"
+        idle = [
+            f"board {name} on {self.boards[name].on}" for name in self.boards if name not in seen
+        ]
+        if "bodies" not in read:
+            idle += self.bodies
+        if self.instrument is None and "markers" not in read and not self._reading_markers:
+            idle += self.markers_mm
+        yield from (f"has {own} and no instrument elsewhere that reads it" for own in idle)
 
     def _names_twice(self) -> Iterator[str]:
         named = Counter([*self.markers_mm, *self.bodies, *self.boards, *self.carried])
@@ -450,16 +450,9 @@ class CellFile(TomlTable):
                 fault = "rides with it" if one in self.boards else "is none of [boards]"
                 yield f"has camera {name}, whose board {one} {fault}; take it out"
         own = camera.seen(self.boards)
-        if not own and name not in self._reading_markers and camera.on == WORLD:
-            yield (
-                f"has camera {name} in the world and nothing on the tip; add [boards.NAME] with "
-                "on = 'tip', or [markers_mm]"
-            )
-        elif not own and name not in self._reading_markers:
-            yield (
-                f"has camera {name} on {_named(camera.on)} and nothing in the world; add "
-                "[boards.NAME] with on = 'world', or on another link"
-            )
+        if not own and name not in self._reading_markers:
+            where = "'tip'" if camera.on == WORLD else "'world', or on another link"
+            yield f"has camera {name} and nothing that it sees; add [boards.NAME] with on = {where}"
         if camera.rides_before(self.boards) and any(b.on != WORLD for b in own.values()):
             yield (
                 f"has camera {name}, that sees boards in the world and on other links; name some of "
@@ -479,7 +472,3 @@ class CellFile(TomlTable):
                 known = f"those are {', '.join([*sorted(sockets), *on][:12])}"
                 what = f"{a!r} and {b!r} are not two sockets or two markers of the cell"
                 yield f"{where}: {what}; {known}"
-
-
-def _named(on: str) -> str:
-    return f"the {on}" if on in (TIP, WORLD) else on

@@ -340,11 +340,11 @@ CAM = camera_text("cam", "world")
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ((CAM,), "nothing on the tip"),
-        ((camera_text("cam", "tip"),), "nothing in the world"),
-        ((ON_FLOOR, CAM), "nothing on the tip"),
+        ((CAM,), "camera cam and nothing that it sees; .* on = 'tip'"),
+        ((camera_text("cam", "tip"),), "camera cam and nothing that it sees; .* on = 'world', or"),
+        ((ON_FLOOR, CAM), "camera cam and nothing that it sees"),
         ((HALF_A_BOARD, CAM), "squares and pitch_mm go together"),
-        ((ON_TIP, ON_FLOOR, CAM), "no camera on the tip"),
+        ((ON_TIP, ON_FLOOR, CAM), "board c on world and no instrument elsewhere that reads it"),
         # Where OpenCV is not installed.
         ((ON_TIP, CAM, ""), r"cam: is a camera, which needs OpenCV; pip install '.\[camera\]'$"),
     ],

@@ -126,7 +126,7 @@ TOUCHED = ("[markers_mm]\nm = [1, 2, 3]\n", f'[instruments.i]\non = "tip"\n{KIND
     [
         ((ON_HAND, PLANE), "a plane rides on no link; take out on = 'head'"),
         ((PLATE.replace('"tip"', '"head"'), EYE),
-         "has camera eye on head and nothing in the world; add [boards.NAME] with on = 'world'"),
+         "has camera eye and nothing that it sees; add [boards.NAME] with on = 'world'"),
         ((PLATE, SECOND, EYE), "has camera eye, that sees boards in the world and on other links"),
         ((PLATE, EYE + 'boards = ["p"]\n'), "camera eye, whose board p is none of [boards]"),
         ((PLATE, EYE.replace('"head"', '"hat"')), "has no link 'hat'; set 'on' of what it carries"),

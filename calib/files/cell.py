@@ -51,7 +51,7 @@ def load_cell(path: str | Path) -> Cell:
             parse_effect(text)
     except UnknownEffect as error:
         raise InputError(path, "model.effects", str(error)) from None
-    shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
+    shapes = {name: _shape(name, board) for name, board in table.boards.items()}
     bodies, seats = _bodies(table, shapes), _seats(table)
     slices = _slices(len(table.markers_mm), (*bodies.values(), *seats.values()))
     parts = dict(zip(bodies, slices, strict=False))
@@ -146,13 +146,10 @@ _Riding = tuple[tuple[str, ...], Array, str]
 """The same, and the link on which they ride."""
 
 
-def _shape(path: Path, name: str, board: BoardTable) -> _Points:
-    """Points of a board; one that lies where no board reaches is none of it. Raises InputError."""
+def _shape(name: str, board: BoardTable) -> _Points:
+    """Points of a board; one that lies where no board reaches is none of it."""
     names, points = board.shape()
     near = np.abs(points - np.median(points, axis=0)).max(axis=1) < _LARGEST_BOARD
-    if not near.any():
-        what = "lie farther apart than those of any board"
-        raise InputError(path, f"boards.{name}.points_mm", what, "give them in mm")
     return tuple(f"{name}:{point}" for point in itertools.compress(names, near)), points[near]
 
 

@@ -190,7 +190,7 @@ def _targets(regressor: Regressor, request: Request) -> tuple[Poses, TargetError
     try:
         check_targets(cell, targets)
     except CalibError as error:
-        raise InputError(cell.targets_source or cell.path, "", str(error)) from None
+        raise InputError((*cell.named_files, cell.path)[0], "", str(error)) from None
     model, values = regressor.model, regressor.values
     at = TargetErrors.of(model, values, targets, weights, request.at_markers)
     return targets, at.per(regressor.T)

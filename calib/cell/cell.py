@@ -217,12 +217,7 @@ class Cell:
     @property
     def targets_in_words(self) -> str:
         """The targets: where they come from, or what stands for them."""
-        return self.targets_source or "200 poses spread over the joint limits"
-
-    @property
-    def targets_source(self) -> str | None:
-        """What holds the targets, in words; None where the cell has none of its own."""
-        return None if self.design.targets is None else str(self.design.targets.path)
+        return str([*self.named_files, "200 poses spread over the joint limits"][0])
 
     @property
     def channels(self) -> Channels:

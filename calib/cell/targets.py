@@ -18,15 +18,10 @@ def targets_of(cell: Cell) -> tuple[Poses, Array]:
     own = cell.design.targets
     if own is not None:
         return own.poses, own.weights
-    poses = sobol_poses(cell, _COUNT, 0)
+    poses = poses_at(cell.robot.sobol(_COUNT))
     if cell.load is not None:
         poses = hung(poses, cell.load.mass, cell.load.com)
     return poses, np.ones(_COUNT)
-
-
-def sobol_poses(cell: Cell, count: int, seed: int) -> Poses:
-    """Scrambled Sobol poses over the joint box, free of load."""
-    return poses_at(cell.robot.sobol(count, seed))
 
 
 def check_targets(cell: Cell, targets: Poses) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 from calib import Cell, Measurements, load_cell, load_plan, readings
 from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
-from calib.cell.targets import sobol_poses
 from calib.model import Model
 from calib.model.build import build, context_of, place_effect
 from calib.poses import Poses, poses_at
@@ -81,7 +80,7 @@ def session(cell: Cell, plan: Poses, seed: int) -> DemoDay:
     hall warms up.
     """
     rng = np.random.default_rng(seed)
-    check = sobol_poses(cell, _CHECKS, seed + 1)
+    check = poses_at(cell.robot.sobol(_CHECKS, seed + 1))
     check = replace(check, names=tuple(f"c{i:02d}" for i in range(1, _CHECKS + 1)))
     poses = _one_day(cell, plan, check)
     hidden = _truth()["withheld"]

@@ -21,7 +21,6 @@ from calib.arm.ties import Coupling, ties_of
 from calib.arrays import Array
 from calib.cell.planned import Planned
 from calib.cell.tables import CouplingTable
-from calib.cell.targets import sobol_poses
 from calib.errors import CalibError, InputError
 from calib.files.cell import coupled, load_cell
 from calib.files.tables import load_measurements, load_plan
@@ -138,7 +137,7 @@ def test_without_a_column_one_line_says_what_to_add(
 def test_what_is_drawn_keeps_to_it_and_within_all_limits(arm: tuple[Robot, list[Joint]]) -> None:
     robot, _ = arm
     here = cell(robot)
-    assert follows(robot, sobol_poses(here, 50, 0).q)
+    assert follows(robot, here.robot.sobol(50))
     assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
 
 
@@ -166,7 +165,7 @@ def test_measurements_are_written_as_they_were_read(
 ) -> None:
     robot, _ = arm
     here = cell(robot)
-    q, model = sobol_poses(here, 5, 0).q, build(here).model
+    q, model = here.robot.sobol(5), build(here).model
     for shift in (0.0, 1e-3):
         q[:, robot.joints.index("b")] += shift
         points = model.predict(model.initial, poses_at(q))
@@ -184,7 +183,7 @@ def test_constants_that_only_other_ratios_would_tell_are_left_out() -> None:
     origins[1], axes[1] = np.eye(4), axes[0]
     robot = replace(robot, origins=origins, axes=axes)
     built = build(cell(replace(robot, couplings=(Coupling("j2", (("j1", 0.8),), 0.05),))))
-    poses, values = sobol_poses(cell(built.model.robot), 60, 2), built.full.initial
+    poses, values = poses_at(built.model.robot.sobol(60, 2)), built.full.initial
     J = built.full.jacobian(values, poses_at(poses.q))[1].reshape(-1, len(values))
     rank = np.linalg.matrix_rank(J / np.linalg.norm(J, axis=0), tol=1e-6)
     assert len(built.model.parameters) == rank < len(build(cell(robot)).model.parameters)
@@ -194,7 +193,7 @@ def test_commands_that_bring_the_arm_there_keep_to_it(arm: tuple[Robot, list[Joi
     robot, _ = arm
     model = build(cell(robot, ("geometry",))).model
     values = np.random.default_rng(1).normal(size=len(model.parameters)) * 1e-3
-    targets = poses_at(sobol_poses(cell(robot), 20, 4).q)
+    targets = poses_at(robot.sobol(20, 4))
     tips = forward(robot, targets.q)
     goal = Goal(tips.R[:, -1], tips.o[:, -1], MARKERS)
     found = reach(model, values, targets, goal)

@@ -19,6 +19,7 @@ from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arm.ties import Coupling
 from calib.arrays import Array
 from calib.effects import EFFECTS
+from calib.effects.tool_base import Base
 from calib.errors import CalibError, InputError
 from calib.files.cell import load_cell
 from calib.files.mjcf import load_mjcf
@@ -352,8 +353,9 @@ def test_a_corrected_urdf_leads_to_the_same_markers(kr270: Cell, table_two: Pose
     corrections = result.model.constant_displacements(result.values)
     text = corrected_urdf(cell.robot_files[0], cell.robot, corrections, markers)
     in_base = body_positions(text, [f"marker_{name}" for name in markers], data.poses.q)
-    R, p = result.model.placement(result.values, data.poses)
-    readings = np.einsum("mij,mkj->mki", R, in_base) + p[:, None]
+    ((_, part),) = result.model.of(Base)
+    R, p = Tracker.placement(result.values[part])
+    readings = in_base @ R.T + p
     np.testing.assert_allclose(readings, result.model.predict(result.values, data.poses), atol=1e-9)
 
 

@@ -13,7 +13,7 @@ from calib.cell import Cell
 from calib.cell.targets import check_targets, targets_of
 from calib.errors import CalibError, InputError
 from calib.model import Model
-from calib.model.build import build
+from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import Unidentifiable
 from calib.poses import Poses, poses_at
 from doe.candidates import Pool, candidates_of, rounded
@@ -32,7 +32,7 @@ from doe.parameters import (
     without_idle,
     without_unplanned,
 )
-from doe.request import Request, refuse_touching, refuse_unplaced
+from doe.request import CannotIdentify, Request, refuse_touching, refuse_unplaced
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
@@ -171,6 +171,10 @@ def _regressor(
         ends[:, request.levels.joint] = request.levels.values[[0, -1]]
     angles = readings(cell, poses_at(np.concatenate([probe.q, cell.robot.tied(ends)])))
     model = build(cell, angles).model
+    try:
+        refuse_idle_effects(cell, model, readings(cell, poses_at(probe.q)))
+    except CalibError as error:
+        raise CannotIdentify((), str(error)) from None
     regressor = Regressor.nominal(cell, model, nominal(model, angles))
     rows = regressor.rows(probe.q, probe.seen)
     effects, left_out = without_idle(regressor, rows, request)

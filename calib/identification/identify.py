@@ -20,7 +20,7 @@ from calib.identification.start import initial_values, whitening
 from calib.identification.tuning import with_tunings
 from calib.identification.variances import Undetected
 from calib.model import Model
-from calib.model.build import build
+from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import ignorance
 from calib.model.sizes import elementary
 from calib.observations import (
@@ -69,6 +69,7 @@ def identify(
     with_sizes = cell.size_prior == "estimated"
     check_options(length, approach=approach, method=method, weighting=weighting)
     check_counts(model, data, _SHARE if with_sizes else 1.0)
+    refuse_idle_effects(cell, model, data.poses)
     try:
         start = initial_values(model, data)
         weights = whitening(cell, model, start, data)

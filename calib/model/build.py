@@ -8,13 +8,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from calib.arm.statics import loads_of
 from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import ENDS, GROUPS, Context, Effect, catalogue
 from calib.effects.context import ARM, turning_joints
 from calib.effects.geometry import Geometry
-from calib.effects.protocol import Constant
+from calib.effects.protocol import Constant, ElasticEffect, LoadEffect, PoseEffect
+from calib.effects.readings import ReadingEffect
 from calib.effects.tool_base import Tool, sought
+from calib.effects.tuned import amid
 from calib.errors import EffectCannotAct, UnknownEffect
 from calib.model import Model
 from calib.model.reduction import Dropped, irreducible
@@ -23,6 +26,8 @@ from calib.poses import Poses
 
 _MOST_KNOTS = 8  # distinct angles up to this number become knots of their own
 _SAME_ANGLE = 1e-3  # rad: angles closer than this are one level
+_PROBED = 200  # poses at which it is tried whether an effect acts
+_MOVES_NOTHING = 1e-10  # m: largest movement of a marker by an effect that does not act
 _MOST_NAMED = 4  # absorbing parameters that a refusal names
 _COVARIATES = {
     "temperature": ("the poses have no temperature", "add column temperature_degC"),
@@ -265,3 +270,50 @@ def _same_unknown(kind: str, other: str) -> bool:
         return kind == other
     known = catalogue()
     return other in known[kind].parts or kind in known[other].parts
+
+
+def refuse_idle_effects(cell: Cell, model: Model, poses: Poses) -> None:
+    """Refuse effects that the user placed and that no poses of this kind would show.
+
+    Effects named for everywhere may stand idle at some places, and so may those of single joints; what
+    they lack is reported with the parameters that cannot be identified.
+
+    Raises EffectCannotAct.
+    """
+    kinds = (ElasticEffect, LoadEffect, PoseEffect, ReadingEffect)
+    acting = (e for e in model.effects if isinstance(e, kinds))
+    part = model.with_effects(tuple(amid(e, poses) for e in acting))
+    if not part.effects:
+        return
+    placed = _placed(cell, context_of(cell, poses))
+    soft = part.initial
+    elastic = part.where(ElasticEffect)
+    soft[elastic] = part.sizes[elastic]
+    few = poses.take(np.unique(np.linspace(0, len(poses) - 1, _PROBED).astype(int)))
+    _, J = part.jacobian(soft, few)
+    moved = np.abs(J).max(axis=(0, 1, 2)) * part.sizes
+    for effect, columns in part.parts:
+        if (effect.kind, effect.where) in placed and moved[columns].max() < _MOVES_NOTHING:
+            _refuse_idle(effect, part, poses)
+
+
+def _refuse_idle(effect: Effect, model: Model, poses: Poses) -> None:
+    """Why an effect moves nothing; ``model`` holds what is not constant in the user's model.
+
+    Raises EffectCannotAct, but for a joint that these poses happen not to move or to stress.
+    """
+    name = f"{effect.kind}:{effect.where}"
+    bends = isinstance(effect, ElasticEffect | LoadEffect)
+    if isinstance(effect, LoadEffect) and not len(model.where(ElasticEffect)):
+        remedy = "add joint_compliance, or take it out of [model] effects"
+        raise EffectCannotAct(name, "nothing in the model is elastic", remedy)
+    if bends and loads_of(model.robot, poses, model.payload, model.gravity).absent:
+        remedy = "give wrench columns (fz_N ..), [payload], or link masses in the robot's file"
+        raise EffectCannotAct(name, "nothing loads the arm", remedy)
+    remedy = "load the arm so that it is stressed" if bends else "move more joints"
+    if effect.uses:
+        remedy = f"measure where {' and '.join(effect.uses)} differs"
+    elif effect.where in model.robot.joints:
+        return
+    reason = "it moves no marker at any of these poses"
+    raise EffectCannotAct(name, reason, f"take it out of [model] effects, or {remedy}")

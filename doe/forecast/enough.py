@@ -14,7 +14,7 @@ from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise import believed_sigma
 from calib.model import Model
-from calib.model.build import build
+from calib.model.build import build, refuse_idle_effects
 from calib.poses import Measurements, Poses, poses_at
 from calib.result import Result
 from calib.scatter import Variances
@@ -163,6 +163,7 @@ def _linearised(cell: Cell, poses: Poses, found: Identification | None) -> Linea
     model = build(cell, poses).model
     if found is not None:  # with what the readings leave to be believed of type, sizes and noise
         model = replace(model, prior=found.model.prior, noise_scales=found.model.noise_scales)
+    refuse_idle_effects(cell, model, poses)
     values = nominal(model, poses)
     arm = Variances.of_arm(model.robot.dof, cell.repeatability)
     if found is not None:

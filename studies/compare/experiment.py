@@ -23,7 +23,7 @@ from calib.identification.fit import choose_directions
 from calib.identification.identify import uncounted
 from calib.instruments import Tracker
 from calib.model import Model
-from calib.model.build import build
+from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import working_points
 from calib.observations import (
     Approach,
@@ -142,6 +142,7 @@ def experiment_of(
     refuse_unplaced(cell)
     poses = in_turn(cell, plan)
     model, seen = build(cell, poses).model, visible(scene_of(cell, poses.q))
+    refuse_idle_effects(cell, model, poses)
     apart = np.flatnonzero(touched(cell, plan.q) < 0)
     if len(apart) and all(instrument.touches for instrument in cell.instruments):
         raise CalibError(

@@ -187,6 +187,7 @@ CELL = _in(
         "an effect of the base at a joint": effects("base", "base_compliance:A2"),
         "temperature not measured": effects("base", "thermal_expansion:arm"),
         "torques not measured": effects("base", "measured_torque:A2"),
+        "an error of the load of a rigid arm": effects("base", "payload"),
         "a scale beside free lengths": effects("base", "tool", "geometry", "tracker_scale"),
         "a URDF that is not there": swap("kr270.urdf", "other.urdf"),
         "a device for the URDF": swap('"kr270.urdf"', '"/dev/zero"'),

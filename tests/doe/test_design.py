@@ -440,7 +440,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     ),
     "nothing feasible at a level": (blocked(LOW, "A3"), AT_LEVELS, "at A2 = -0.01"),
     "chi_1 under a vertical load": (modelled("joint_compliance"), FIFTEEN, "joint_compliance:A1"),
-    "no load": (weightless(None, "joint_compliance:A3"), FIFTEEN, "or give a [load]"),
+    "no load": (weightless(None, "joint_compliance:A3"), FIFTEEN, "nothing loads the arm"),
     "Ds of nothing": (as_it_is, FIFTEEN | {"criterion": "Ds"}, "(of)"),
     "c of nothing": (as_it_is, FIFTEEN | {"criterion": "c"}, "(of)"),
     "no candidates": (as_it_is, FIFTEEN | {"candidates": 0}, "too few"),

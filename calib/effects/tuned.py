@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.arrays import Array
 from calib.effects.context import Context
-from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
+from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter, StretchEffect
 from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.errors import EffectCannotAct
 from calib.poses import Poses
@@ -31,10 +31,12 @@ class Tuned(DirectedEffect):
 
     tuning : float, SI, where its search begins
     smooth : whether the functions have a derivative by it; where not, only a scan finds it
+    lines : how many at different tunings one place may have; two steps would stand for any curve
     """
 
     tuning: float
     smooth: ClassVar[bool] = True
+    lines: ClassVar[int] = 1
 
     @property
     @abstractmethod
@@ -104,6 +106,11 @@ def _table(values: Array, F: Array) -> Array:
     return values[..., 1:].reshape(*values.shape[:-1], F.shape[-1], -1)
 
 
+def amounts_of(effect: Effect) -> tuple[Parameter, ...]:
+    """Its parameters but for its tuning."""
+    return effect.amplitudes if isinstance(effect, Tuned) else effect.parameters
+
+
 def at_rest(effect: Effect, values: Array) -> bool:
     """Whether an effect does nothing at values (..., p): a tuning alone moves nothing."""
     return not (values[..., 1:] if isinstance(effect, Tuned) else values).any()
@@ -150,6 +157,11 @@ class SteadyTwist(Steady, FrameEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class SteadyStretch(Steady, StretchEffect):
+    """Links that are longer at all poses alike."""
+
+
+@dataclass(frozen=True, eq=False)
 class SteadyMarker(Steady, MarkerEffect):
     """A constant displacement of one marker."""
 
@@ -166,6 +178,7 @@ class SteadyPart(Steady, PartEffect):
 
 _STEADY: dict[type[DirectedEffect], type[Steady]] = {
     FrameEffect: SteadyTwist,
+    StretchEffect: SteadyStretch,
     MarkerEffect: SteadyMarker,
     RigidReading: SteadyReading,
     PartEffect: SteadyPart,

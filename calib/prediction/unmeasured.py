@@ -29,6 +29,7 @@ from calib.diagnosis.columns import columns_at
 from calib.effects import catalogue
 from calib.effects.context import ARM, Context, softest
 from calib.effects.protocol import Effect
+from calib.effects.tuned import amounts_of
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import context_of, place_effect
@@ -125,7 +126,7 @@ def _plausible(cell: Cell, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
     Drives yield all to one side: of half normal numbers the mean square is ``1 - 2 / pi`` about the
     mean, and ``2 / pi`` common to all.
     """
-    kind, each = effects[0].kind, [p.size for effect in effects for p in effect.parameters]
+    kind, each = effects[0].kind, [p.size for effect in effects for p in amounts_of(effect)]
     sizes = np.array([_SIZES.get(kind, size) for size in each])
     if kind != "joint_compliance":
         return sizes, np.eye(len(sizes))

@@ -30,11 +30,19 @@ def is_weak(fit: Fit, candidate: Candidate) -> bool:
     """
     from scipy.special import chdtrc
 
+    count, distance = _distance(fit, candidate)
+    return not count or float(chdtrc(count, distance)) > _BY_CHANCE
+
+
+def _distance(fit: Fit, candidate: Candidate) -> tuple[int, float]:
+    """How many amounts of a cause are determined, and their squared distance from nothing.
+
+    In standard deviations, of all taken together.
+    """
     own = fit.model.amounts(candidate.effect)
     own = own[np.abs(fit.span[own]).sum(axis=1) > 0.0]
     cov = fit.covariance[np.ix_(own, own)]
-    distance = float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
-    return not len(own) or float(chdtrc(len(own), distance)) > _BY_CHANCE
+    return len(own), float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +114,8 @@ def finding_of(search: Search) -> Finding:
 
 
 def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
-    own = fit.model.amounts(candidate.effect)
-    return bool((np.abs(fit.values[own]) <= fit.std_of(own)).all())
+    count, distance = _distance(fit, candidate)
+    return distance <= count
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:

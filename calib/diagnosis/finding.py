@@ -37,11 +37,18 @@ def is_weak(fit: Fit, candidate: Candidate) -> bool:
 def _distance(fit: Fit, candidate: Candidate) -> tuple[int, float]:
     """How many amounts of a cause are determined, and their squared distance from nothing.
 
-    In standard deviations, of all taken together.
+    In standard deviations, of all taken together, at the tuning as it is: a warm-up that takes all day
+    may be twice as large and twice as slow, and is no less there.
     """
     own = fit.model.amounts(candidate.effect)
     own = own[np.abs(fit.span[own]).sum(axis=1) > 0.0]
     cov = fit.covariance[np.ix_(own, own)]
+    for tuning in np.setdiff1d(
+        fit.positions(candidate.effect), fit.model.amounts(candidate.effect)
+    ):
+        if (variance := fit.covariance[tuning, tuning]) > 0.0:
+            shared = fit.covariance[own, tuning]
+            cov = cov - np.outer(shared, shared) / variance
     return len(own), float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
 
 

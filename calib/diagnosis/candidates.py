@@ -13,7 +13,7 @@ from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.functions import Torque
 from calib.effects import GROUPS, Effect, catalogue
 from calib.effects.protocol import Parameter
-from calib.effects.tuned import Tuned
+from calib.effects.tuned import Tuned, amounts_of
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import context_of, place_effect, placed_effects
@@ -71,8 +71,7 @@ class Candidate:
     @property
     def amounts(self) -> tuple[Parameter, ...]:
         """Its parameters without the tuning, such as a frequency or a time constant."""
-        effect = self.effect
-        return effect.amplitudes if isinstance(effect, Tuned) else effect.parameters
+        return amounts_of(self.effect)
 
     def is_like(self, other: Candidate) -> bool:
         """Whether both are causes of one kind at one place, at whatever tuning."""

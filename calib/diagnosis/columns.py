@@ -26,7 +26,6 @@ from calib.observations import Points
 from calib.poses import Poses
 
 _LISTED = 6  # best tunings of the first form at which richer ones are tried
-_MOST_LINES = 2  # of ripple at one joint; of steps one, or two would stand for any curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +157,7 @@ class CandidateSet:
         """
         for grid in self.grids:
             line = 1 + max((c.line for c in active if c.is_like(grid.candidate)), default=0)
-            if line > (1 if isinstance(grid.candidate.effect, Timed) else _MOST_LINES):
+            if line > grid.forms[0].effect.lines:
                 continue
             carrier = self._carrier(grid)
             scan = carried(beside, carrier)

@@ -30,11 +30,26 @@ def is_weak(fit: Fit, candidate: Candidate) -> bool:
     """
     from scipy.special import chdtrc
 
+    count, distance = _distance(fit, candidate)
+    return not count or float(chdtrc(count, distance)) > _BY_CHANCE
+
+
+def _distance(fit: Fit, candidate: Candidate) -> tuple[int, float]:
+    """How many amounts of a cause are determined, and their squared distance from nothing.
+
+    In standard deviations, of all taken together, at the tuning as it is: a warm-up that takes all day
+    may be twice as large and twice as slow, and is no less there.
+    """
     own = fit.model.amounts(candidate.effect)
     own = own[np.abs(fit.span[own]).sum(axis=1) > 0.0]
     cov = fit.covariance[np.ix_(own, own)]
-    distance = float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
-    return not len(own) or float(chdtrc(len(own), distance)) > _BY_CHANCE
+    for tuning in np.setdiff1d(
+        fit.positions(candidate.effect), fit.model.amounts(candidate.effect)
+    ):
+        if (variance := fit.covariance[tuning, tuning]) > 0.0:
+            shared = fit.covariance[own, tuning]
+            cov = cov - np.outer(shared, shared) / variance
+    return len(own), float(fit.values[own] @ np.linalg.pinv(cov, hermitian=True) @ fit.values[own])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +121,8 @@ def finding_of(search: Search) -> Finding:
 
 
 def _is_nothing(fit: Fit, candidate: Candidate) -> bool:
-    own = fit.model.amounts(candidate.effect)
-    return bool((np.abs(fit.values[own]) <= fit.std_of(own)).all())
+    count, distance = _distance(fit, candidate)
+    return distance <= count
 
 
 def _noise(stage: Stage, fit: Fit, factor: float) -> NoiseLevel:

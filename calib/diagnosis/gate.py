@@ -1,8 +1,9 @@
 """Whether what was found predicts configurations that it never saw.
 
 Configurations are left out a tenth at a time, and predicted by a fit to first order to the others. What
-depends on time or temperature must predict whole stretches of the session, for readings close in time
-err alike. What is fitted anew was chosen by the same poses, so this says a little too much of it.
+depends on time or temperature must predict whole stretches of the session, a tenth each, for readings
+close in time err alike. Longer ones would leave out all that a warm-up does. What is fitted anew was
+chosen by the same poses, so this says a little too much of it.
 """
 
 from __future__ import annotations
@@ -23,8 +24,7 @@ from calib.effects.protocol import Effect
 from calib.noise import unwhitened
 from calib.poses import Poses
 
-_FOLDS = 10
-_STRETCHES = 4
+_FOLDS = 10  # of configurations, or stretches of time
 _LEAST = 1.0  # variance of a reading: what gains less does nothing
 _RIDGE = 1e-9  # of a direction's information: what nothing but the fold tells stays as it was
 BY_TIME = ("time", "temperature")
@@ -63,7 +63,7 @@ class CrossValidation:
     def of(cls, stage: Stage, fit: Fit, by_time: bool) -> CrossValidation:
         """By configurations, or by stretches of the session."""
         poses = stage.data.poses
-        fold = blocks_of_time(poses, _STRETCHES) if by_time else _by_configurations(poses)
+        fold = blocks_of_time(poses, _FOLDS) if by_time else _by_configurations(poses)
         return cls(stage, fit, fold)
 
     def errors(self, own: Sequence[Effect]) -> PredictionErrors:

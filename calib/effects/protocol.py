@@ -297,6 +297,38 @@ class FrameEffect(DirectedEffect, PoseEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class StretchEffect(DirectedEffect, PoseEffect):
+    """Makes links longer, all in the same proportion: one direction.
+
+    ends : tuple of int, the frames in which these links end
+    lengths : ndarray, shape (ends, 3), m, the links' translations in the axes of those frames
+    """
+
+    ends: tuple[int, ...]
+    lengths: Array
+
+    @property
+    def direction_count(self) -> int:
+        return 1
+
+    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
+        return self._stretched(self.response(poses, self.initial))
+
+    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
+        return self._stretched(self.response(state.poses, values))
+
+    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
+        by_end = self._stretched(self.amounts(poses, values)[..., None])
+        return tuple((end, moved[..., 0]) for end, moved in by_end)
+
+    def _stretched(self, share: Array) -> tuple[Twist, ...]:
+        """Every link by a share of its length, of shape (..., m, 1, p)."""
+        along = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
+        each = zip(self.ends, along[..., None], strict=True)
+        return tuple((end, link @ share) for end, link in each)
+
+
+@dataclass(frozen=True, eq=False)
 class ElasticEffect(TwistEffect):
     """A displacement in proportion to the wrench that frames transmit."""
 

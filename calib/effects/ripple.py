@@ -43,6 +43,7 @@ class GearRipple(Tuned, FrameEffect):
     ratio: float | None
     kind: ClassVar[str] = "gear_ripple"
     drawn: ClassVar[bool] = False
+    lines: ClassVar[int] = 2
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:

@@ -1,35 +1,36 @@
-"""Links that are longer than the nominal model by the temperature."""
+"""Links that are longer than the nominal model by the temperature.
+
+Links are warmer than the air or the drives beside them only after a while. So their temperature follows
+the one that was read with a time constant, the lag, where the clock of the session is known.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.effects.context import ARM, Context, joint_index, needs
-from calib.effects.protocol import PoseEffect, Twist, Unknown
-from calib.poses import Poses
+from calib.effects.protocol import Effect, Parameter, StretchEffect, Unknown
+from calib.effects.tuned import ANY_TUNING, Tuned
+from calib.poses import LAGS, Poses
 
 # 1/K: aluminium grows by 23e-6, and a link beside its motor warms by more than the thermometer shows.
 _LARGEST = 4e-4
+_USUAL = 600.0  # s
 
 
 @dataclass(frozen=True, eq=False)
-class ThermalExpansion(PoseEffect):
+class ThermalExpansion(StretchEffect):
     """Links that grow with temperature; the nominal model holds at 20 degC.
 
     A link grows along its constant translation, from its joint to the origin of the next one (or to
     the tip). ``arm`` means that the whole arm warms up, including the base link up to the first joint.
-
-    ends : tuple of int, the frames in which the growing links end
-    lengths : ndarray, shape (ends, 3), m, the links' translations in the axes of those frames
     """
 
-    ends: tuple[int, ...]
-    lengths: Array
     kind: ClassVar[str] = "thermal_expansion"
     uses: ClassVar[tuple[str, ...]] = ("temperature",)
     unknowns: ClassVar[tuple[Unknown, ...]] = (("growth", "um/(m K)", 1e-5, _LARGEST),)
@@ -42,25 +43,48 @@ class ThermalExpansion(PoseEffect):
         return (ARM, *(joint for k, joint in enumerate(robot.joints, 1) if k in long))
 
     @classmethod
-    def at(cls, context: Context, where: str) -> Self:
+    def at(cls, context: Context, where: str) -> Effect:
         robot, lengths = context.robot, translations(context.robot)
-        if where == ARM:
-            return cls(where, tuple(range(1, robot.frame_count)), lengths)
-        link = joint_index(context, where) + 1
-        ends = [frame for frame, parent in enumerate(robot.parents, 1) if parent == link]
-        lengths = lengths[np.array(ends, dtype=int) - 1]
-        needs(
-            bool(lengths.any()),
-            f"{cls.kind}:{where}",
-            "the next joint has its origin in this one's",
-            "name a link that has a length, or arm",
-        )
-        return cls(where, tuple(ends), lengths)
+        ends = tuple(range(1, robot.frame_count))
+        if where != ARM:
+            link = joint_index(context, where) + 1
+            ends = tuple(frame for frame, parent in enumerate(robot.parents, 1) if parent == link)
+            lengths = lengths[np.array(ends, dtype=int) - 1]
+            needs(
+                bool(lengths.any()),
+                f"{cls.kind}:{where}",
+                "the next joint has its origin in this one's",
+                "name a link that has a length, or arm",
+            )
+        timed = context.clock_unit == "s" and "time" not in context.lacking
+        if timed if context.parameters is None else "lag" in context.parameters:
+            return LateExpansion(where=where, ends=ends, lengths=lengths, tuning=0.0)
+        return cls(where, ends, lengths)
 
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        slides = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
-        grown = poses.warming[:, None, None] * slides[:, None, :, None]
-        return tuple(zip(self.ends, grown, strict=True))
+    def response(self, poses: Poses, values: Array) -> Array:
+        return poses.warming[:, None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class LateExpansion(Tuned, ThermalExpansion):
+    """The same where links follow the temperature late."""
+
+    @property
+    def tuning_parameter(self) -> Parameter:
+        return self.parameter("lag", "min", _USUAL, ANY_TUNING)
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        return tuple(self.parameter(*unknown) for unknown in self.unknowns)
+
+    def functions(self, poses: Poses, tuning: Array) -> Array:
+        return poses.warming_late(np.asarray(tuning))[0][..., None]
+
+    def slopes(self, poses: Poses, tuning: Array) -> Array:
+        return poses.warming_late(np.asarray(tuning))[1][..., None]
+
+    def grid(self, poses: Poses) -> Array:
+        return np.zeros(0) if poses.lagged is None else LAGS
 
 
 def translations(robot: Robot) -> Array:

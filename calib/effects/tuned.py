@@ -15,13 +15,15 @@ from typing import ClassVar, Self
 import numpy as np
 
 from calib.arrays import Array
-from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter
+from calib.effects.protocol import DirectedEffect, Effect, FrameEffect, Parameter, StretchEffect
 from calib.effects.readings import MarkerEffect, PartEffect, RigidReading
 from calib.poses import Poses
 
 ANY_TUNING = 1e9
 """No bound on a tuning: the data alone speak of it."""
-_DISPLACING: tuple[type[DirectedEffect], ...] = FrameEffect, MarkerEffect, RigidReading, PartEffect
+_DISPLACING: tuple[type[DirectedEffect], ...] = (
+    FrameEffect, StretchEffect, MarkerEffect, RigidReading, PartEffect,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +32,12 @@ class Tuned(DirectedEffect):
 
     tuning : float, SI, where its search begins
     smooth : whether the functions have a derivative by it; where not, only a scan finds it
+    lines : how many at different tunings one place may have; two steps would stand for any curve
     """
 
     tuning: float
     smooth: ClassVar[bool] = True
+    lines: ClassVar[int] = 1
 
     @property
     @abstractmethod
@@ -101,6 +105,11 @@ class Tuned(DirectedEffect):
 def _table(values: Array, F: Array) -> Array:
     """Amplitudes by function and direction, shape (..., f, b)."""
     return values[..., 1:].reshape(*values.shape[:-1], F.shape[-1], -1)
+
+
+def amounts_of(effect: Effect) -> tuple[Parameter, ...]:
+    """Its parameters but for its tuning."""
+    return effect.amplitudes if isinstance(effect, Tuned) else effect.parameters
 
 
 def at_rest(effect: Effect, values: Array) -> bool:

@@ -13,7 +13,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.effects import catalogue
 from calib.effects.protocol import Effect
-from calib.effects.tuned import Tuned
+from calib.effects.tuned import Tuned, amounts_of
 from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
 from calib.model import Model
@@ -103,7 +103,7 @@ def _unmeasured(cell: Cell, count: int, entry: Any) -> Unmeasured:
     """Effects that no reading could show. Raises CalibError, KeyError, TypeError, ValueError."""
     names = [str(name).partition(":") for name in entry["effects"]]
     effects = tuple(place_effect(k, w, unmeasured_context(cell)) for k, _, w in names)
-    own = sum(len(effect.parameters) for effect in effects)
+    own = sum(len(amounts_of(effect)) for effect in effects)
     square = _numbers(entry["square_SI"], _LARGEST_SQUARE).reshape(own, own)
     absorbed = _numbers(entry["absorbed_SI"], _LARGEST_SQUARE).reshape(count, own)
     time = None if entry["time_s"] is None else float(entry["time_s"])

@@ -14,9 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arrays import Array, IntArray, Mask, TextArray
-from calib.poses import Measurements, Poses, poses_at
+from calib.poses import LAGS, Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
+_AT_ONCE = 1e-9  # s
 _LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 
 
@@ -42,13 +43,17 @@ def moves(q: Array, begins: Mask | None = None) -> tuple[Array, Array]:
 
 
 def with_moves(poses: Poses) -> Poses:
-    """The poses of one table with their order, approach, size of move, and when it began.
+    """The poses of one table with order, approach, size of move, late temperature, and its start.
 
     An approach that the table gave is kept.
     """
     order, back = in_order(poses), np.empty(len(poses), dtype=int)
     back[order] = np.arange(len(poses))
-    approach, motion = (own[back] for own in moves(poses.q[order], begins(poses)[order]))
+    fresh = begins(poses)[order]
+    approach, motion = (own[back] for own in moves(poses.q[order], fresh))
+    lagged = None
+    if poses.temperature is not None and poses.time is not None:
+        lagged = followed(poses.temperature[order], poses.time[order], fresh)[back]
     derived = poses.approach is None or poses.approach_derived
     return replace(
         poses,
@@ -57,7 +62,20 @@ def with_moves(poses: Poses) -> Poses:
         approach=approach if derived else poses.approach,
         approach_derived=derived,
         motion=motion,
+        lagged=lagged,
     )
+
+
+def followed(temperature: Array, time: Array, fresh: Mask) -> Array:
+    """What follows a temperature (m,), degC, with each time constant of ``LAGS``, shape (m, L).
+
+    It is in balance where a session begins: fresh, shape (m,), in the order of time (m,), s.
+    """
+    late = np.repeat(temperature[:, None], len(LAGS), axis=1)
+    kept = np.exp(-np.diff(time, prepend=time[:1])[:, None] / np.maximum(LAGS, _AT_ONCE))
+    for i in np.flatnonzero(~fresh):
+        late[i] += kept[i] * (late[i - 1] - late[i])
+    return late
 
 
 def in_order(poses: Poses) -> IntArray:
@@ -121,7 +139,10 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
     if first.time is None or second.time is None:
         return data, replace(heldout, poses=replace(second, time=None, order=None))
     q, time = np.concatenate([first.q, second.q]), np.concatenate([first.time, second.time])
-    both = with_moves(poses_at(q, time=time, session=_sessions(first, second)))
+    heat = None
+    if first.temperature is not None and second.temperature is not None:
+        heat = np.concatenate([first.temperature, second.temperature])
+    both = with_moves(poses_at(q, time=time, temperature=heat, session=_sessions(first, second)))
     own = both.take(slice(len(first), None))
     poses = replace(
         second,
@@ -129,6 +150,7 @@ def in_one_session(data: Measurements, heldout: Measurements) -> tuple[Measureme
         order=None,  # it is a number among the fitted readings
         approach=own.approach if second.approach_derived else second.approach,
         motion=own.motion,
+        lagged=own.lagged,
     )
     return data, replace(heldout, poses=poses)
 

@@ -13,6 +13,8 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.errors import CalibError
 from calib.result import Result
 
+LAGS = 60.0 * np.array([0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0])
+"""Time constants, s, at which it is known what follows the temperature late."""
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
 
 
@@ -25,6 +27,8 @@ class Poses(Result):
     wrench : ndarray, shape (m, 6), N and N m, on the robot, moment about the tip frame's origin,
         both in base axes; zero where the file has none
     temperature : ndarray, shape (m,), degC, or None
+    lagged : ndarray, shape (m, L), degC, what has followed the temperature with each of the L time
+        constants ``LAGS`` since the session began, or None where nothing tells the way of temperature
     time : ndarray, shape (m,), s, or None
     start : float, s, the time of the first pose of the session, from which drift counts
     order : ndarray, shape (m,), number of the reading in the session, from zero, or None
@@ -49,6 +53,7 @@ class Poses(Result):
     load_com: Array
     stations: tuple[str, ...] = ("base",)
     temperature: Array | None = None
+    lagged: Array | None = None
     time: Array | None = None
     start: float = 0.0
     order: Array | None = None
@@ -141,6 +146,19 @@ class Poses(Result):
     def warming(self) -> Array:
         """Temperature above the 20 degC of the nominal model, shape (m,), K; zero if not given."""
         return np.zeros(len(self)) if self.temperature is None else self.temperature - 20.0
+
+    def warming_late(self, lag: Array) -> tuple[Array, Array]:
+        """The same of what follows with a time constant, and its derivative by that, both (..., m).
+
+        lag : ndarray, shape (...), s; between those of ``LAGS`` it is interpolated
+        """
+        shape = (*np.shape(lag), len(self))
+        if self.lagged is None:
+            return np.broadcast_to(self.warming, shape), np.zeros(shape)
+        after = np.clip(np.searchsorted(LAGS, lag), 1, len(LAGS) - 1)
+        low, high = (self.lagged.T[k] for k in (after - 1, after))
+        slope = (high - low) / (LAGS[after] - LAGS[after - 1])[..., None]
+        return low - 20.0 + slope * (lag - LAGS[after - 1])[..., None], slope
 
     @cached_property
     def configuration(self) -> IntArray:

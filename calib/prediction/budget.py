@@ -148,10 +148,10 @@ def _beside(
         if own.any():
             spread = own[:, None, None] * as_one
             yield UncertaintySource(name, "A", spread, _poses_behind(found), of="model")
-    for one, added in error.by_effect:
-        if added.any():
-            name, spread = f"{one.kind}, never measured", added[:, None, None] * as_one
-            yield UncertaintySource(name, "B", spread, np.inf, of="model")
+    for one, spread in error.by_effect:
+        if spread.any():
+            name = f"{one.kind}, never measured"
+            yield UncertaintySource(name, "B", spread, one.freedom, of="model")
 
 
 def _poses_behind(found: Identification) -> float:

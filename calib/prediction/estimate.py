@@ -86,19 +86,19 @@ class ExpectedError:
     @cached_property
     def unmeasured(self) -> Array:
         """What effects may add (m,) that no reading could show."""
-        squares = [added**2 for _, added in self.by_effect]
+        squares = [(spread**2).sum(axis=(-1, -2)) for _, spread in self.by_effect]
         return np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(len(self.targets))
 
     @cached_property
     def by_effect(self) -> tuple[tuple[Unmeasured, Array], ...]:
-        """Each kind of those effects, and what it may add (m,)."""
+        """Each kind of those effects, and the spread (m, 3 M, k) of what it may add, m."""
         known, there = self.estimate, self.targets
         return tuple((u, u.beyond(known.model, known.values, there)) for u in known.unmeasured)
 
     def never_measured(self, weights: Array) -> Iterator[str]:
         """What was never measured and what it may add, a sentence a kind; weights : (m,)."""
-        for one, added in self.by_effect:
-            rms = float(np.sqrt(weights @ added**2 / weights.sum()))
+        for one, spread in self.by_effect:
+            rms = float(np.sqrt(weights @ (spread**2).sum(axis=(-1, -2)) / weights.sum()))
             if rms > _LEAST:
                 yield f"{one.condition(self.targets)}: {one.kind} may add {1e3 * rms:.2g} mm"
 
@@ -167,6 +167,7 @@ def _identified(result: Identification, after: float) -> Estimate:
     fit, lost = fitted_of(result), np.diag(result.covariance) <= 0.0
     lost[result.model.still] = False
     held = None if result.heldout is None else result.heldout.data
+    trend = trend_of(fit, after)
     return Estimate(
         fit.model,
         fit.values,
@@ -179,8 +180,8 @@ def _identified(result: Identification, after: float) -> Estimate:
         fit.variances,
         fit.data.poses.clock_unit,
         pose_to_pose(result.levels, result.scatter, fit.model.robot.reach).of,
-        trend_of(fit, after),
-        tuple(unmeasured(result.cell, fit, after)),
+        trend,
+        tuple(unmeasured(result.cell, fit, after, trend is not None)),
     )
 
 
@@ -228,6 +229,7 @@ def _diagnosed(result: Diagnosis, after: float) -> Estimate:
     fitted = FittedModel(
         fit.model, fit.values, cov, fit.span, data, stage.weights[kept], sigma, variances
     )
+    trend = trend_of(fitted, after)
     return Estimate(
         fit.model,
         fit.values,
@@ -240,8 +242,8 @@ def _diagnosed(result: Diagnosis, after: float) -> Estimate:
         variances,
         result.data.poses.clock_unit,
         pose_to_pose(levels, stage.scatter, fit.model.robot.reach).of,
-        trend_of(fitted, after),
-        tuple(unmeasured(result.cell, fitted, after)),
+        trend,
+        tuple(unmeasured(result.cell, fitted, after, trend is not None)),
     )
 
 

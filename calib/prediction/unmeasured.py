@@ -29,6 +29,7 @@ from calib.diagnosis.columns import columns_at
 from calib.effects import catalogue
 from calib.effects.context import ARM, Context, softest
 from calib.effects.protocol import Effect
+from calib.effects.tuned import amounts_of
 from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import context_of, place_effect
@@ -43,6 +44,7 @@ _SIZES = {
     "backlash": 9e-5,  # rad or m: gears of arms in order have 20 to 200 urad
 }
 """Of any arm; a cause that a diagnosis looks for is expected larger."""
+_GUESSED = 4.5  # degrees of freedom of a size that is known to a third: 1 / (2 (1/3)^2)
 _WIDER = 0.05  # of the range of loads, temperatures or times
 
 
@@ -70,16 +72,28 @@ class Unmeasured:
         """Of the effects."""
         return self.effects[0].kind
 
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of its size: how drives yield is guessed (JCGM 100, G.4.2)."""
+        return _GUESSED if self.kind == "joint_compliance" else np.inf
+
     def beyond(self, model: Model, values: Array, targets: Poses) -> Array:
-        """What they add at targets beyond what they add at any reading, shape (m,), m."""
+        """What they add at targets beyond what they add at any reading, m.
+
+        Spread of shape (m, 3 M, k): by its norm over the last two axes the RMS over the M points.
+        """
         if targets.time is None and self.time is not None:
             targets = replace(targets, time=np.full(len(targets), self.time))
         if any(getattr(targets, name) is None for name in self.effects[0].uses):
-            return np.zeros(len(targets))  # nothing says that they differ from the readings
+            # Nothing says that they differ from the readings.
+            return np.zeros((len(targets), 3 * len(model.markers), 1))
         asked, (low, high) = _condition(self.effects[0], targets), self.within
         outside = (asked < low) | (asked > high)
         moved = _moved(model, values, targets, self)
-        return np.sqrt(np.where(outside, np.maximum(moved**2 - self.largest**2, 0.0), 0.0))
+        squares = (moved**2).sum(axis=(-1, -2))
+        kept = np.where(outside, np.maximum(squares - self.largest**2, 0.0), 0.0)
+        share = np.sqrt(kept / np.where(squares > 0.0, squares, 1.0))
+        return np.asarray(moved * share[:, None, None])
 
     def condition(self, targets: Poses) -> str:
         """Under what condition of the targets nothing was read."""
@@ -95,10 +109,16 @@ class Unmeasured:
                 return "joints come to the targets from sides that were never measured"
 
 
-def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasured]:
-    """What a fit leaves unmeasured, kind by kind; after : s after the last reading, of targets."""
+def unmeasured(cell: Cell, fit: FittedModel, after: float, drifts: bool) -> Iterator[Unmeasured]:
+    """What a fit leaves unmeasured, kind by kind.
+
+    after : s after the last reading, of targets; drifts : whether a trend of the day is shown, and so
+        measured
+    """
     poses = fit.data.poses
-    for _, alike in groupby(_lacking(cell, fit.model, poses), key=lambda e: e.kind):
+    for kind, alike in groupby(_lacking(cell, fit.model, poses), key=lambda e: e.kind):
+        if drifts and kind == "base_drift":
+            continue
         effects = tuple(alike)
         _, columns = columns_at(fit.model, fit.values, poses, effects)
         rows = fit.points.rows(np.concatenate(columns, axis=-1))
@@ -116,7 +136,8 @@ def unmeasured(cell: Cell, fit: FittedModel, after: float) -> Iterator[Unmeasure
             _range(_condition(effects[0], poses)),
             float(poses.clock.max()) + after if after and "time" in effects[0].uses else None,
         )
-        yield replace(found, largest=float(_moved(fit.model, fit.values, poses, found).max()))
+        moved = np.linalg.norm(_moved(fit.model, fit.values, poses, found), axis=(-1, -2))
+        yield replace(found, largest=float(moved.max()))
 
 
 def _plausible(cell: Cell, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
@@ -125,7 +146,7 @@ def _plausible(cell: Cell, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
     Drives yield all to one side: of half normal numbers the mean square is ``1 - 2 / pi`` about the
     mean, and ``2 / pi`` common to all.
     """
-    kind, each = effects[0].kind, [p.size for effect in effects for p in effect.parameters]
+    kind, each = effects[0].kind, [p.size for effect in effects for p in amounts_of(effect)]
     sizes = np.array([_SIZES.get(kind, size) for size in each])
     if kind != "joint_compliance":
         return sizes, np.eye(len(sizes))
@@ -193,11 +214,11 @@ def _range(values: Array) -> tuple[float, float]:
 
 
 def _moved(model: Model, values: Array, poses: Poses, found: Unmeasured) -> Array:
-    """3-D RMS per point, shape (m,), m, that unmeasured effects add at poses."""
+    """Spread (m, 3 M, k), m, that unmeasured effects add at poses, by its norm the RMS per point."""
     working, root = working_points(model), half(found.square)
     each = []
     for part in in_parts(len(poses), 3 * len(model.markers) * (len(values) + len(root))):
         J, columns = columns_at(working, values, poses.take(part), found.effects)
         moved = (np.concatenate(columns, axis=-1) - J @ found.absorbed) @ root
-        each.append(np.sqrt((moved**2).sum(axis=(-1, -2)).mean(axis=-1)))
+        each.append(moved.reshape(len(moved), -1, root.shape[1]) / np.sqrt(moved.shape[1]))
     return np.concatenate(each)

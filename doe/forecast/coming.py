@@ -60,6 +60,7 @@ def _following(now: Poses, coming: Poses) -> Poses:
     return replace(
         coming,
         temperature=last.temperature,
+        lagged=last.lagged,
         time=None if last.time is None else last.time + later,
         order=None if last.order is None else last.order + ahead,
         approach=coming.approach if prescribed else approach,

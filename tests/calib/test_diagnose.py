@@ -53,7 +53,8 @@ def test_nothing_is_found_where_nothing_is(seed: int) -> None:
         ("backlash:A3", (60e-6,)),
         ("transmission_harmonic:A4", (150e-6, -100e-6, 0.0, 0.0)),
         ("bearing_compliance:A3", (40e-9,)),
-        ("thermal_expansion:arm", (12e-6,)),
+        ("thermal_expansion:arm", (0.0, 12e-6)),
+        ("thermal_expansion:arm", (1200.0, 12e-6)),
     ],
 )
 def test_a_cause_is_named_and_measured(effect: str, values: tuple[float, ...]) -> None:
@@ -144,13 +145,17 @@ def test_lost_motion_at_every_joint_is_found_joint_by_joint() -> None:
     assert keys <= {f"backlash:A{k}" for k in range(1, 7)}
 
 
-OF_THE_COLUMNS = ("time", "temperature", "approach", "motion")
+OF_THE_COLUMNS = ("time", "temperature", "lagged", "approach", "motion")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [("base_drift:base", DRIFT), ("thermal_expansion:arm", (30e-6,)), ("backlash:A3", (80e-6,))],
+    [
+        ("base_drift:base", DRIFT),
+        ("thermal_expansion:arm", (0.0, 30e-6)),
+        ("backlash:A3", (80e-6,)),
+    ],
 )
 def test_shuffled_columns_explain_nothing(effect: str, values: tuple[float, ...]) -> None:
     """With the true order the effect is found by its name; with a random one no such effect is."""

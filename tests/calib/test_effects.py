@@ -238,19 +238,40 @@ def test_scale_of_the_instrument_counts_from_its_origin(scene: tuple[Context, Po
     np.testing.assert_allclose(read, without * (1.0 + 2e-5), atol=1e-12)
 
 
+def late(temperature: Array, time: Array, lag: float) -> Array:
+    """What nears a temperature, held since the reading before: ``dT/dt = (temperature - T) / lag``."""
+    T = temperature[:1].copy()
+    for now, step in zip(temperature[1:], np.diff(time), strict=True):
+        T = np.append(T, now + (T[-1] - now) * 2.0 ** (-step / (lag * np.log(2.0))))
+    return T
+
+
+@pytest.mark.parametrize("lag", [0.0, 1200.0, 3000.0])
 @pytest.mark.parametrize("where", ["arm", "j2", "j5"])
-def test_links_grow_along_their_own_translation(where: str, scene: tuple[Context, Poses]) -> None:
+def test_links_grow_along_their_own_translation(
+    where: str, lag: float, scene: tuple[Context, Poses]
+) -> None:
     context, poses = scene
+    time = np.cumsum(np.random.default_rng(4).uniform(60.0, 600.0, len(poses)))
+    poses = with_moves(replace(poses, time=time))
+    assert poses.temperature is not None
+    # Between time constants at which it is known, what follows late is interpolated: 40 and 80 minutes.
+    parts = {3000.0: ((2400.0, 0.75), (4800.0, 0.25))}.get(lag, ((lag, 1.0),))
+    heat = sum(
+        s * late(poses.temperature, time, t) if t else s * poses.temperature for t, s in parts
+    )
     robot, growth = context.robot, 12e-6
     expected = np.zeros((8, len(context.markers), 3))
     grows = range(robot.dof + 1) if where == "arm" else [robot.joints.index(where) + 1]
-    for i, kelvin in enumerate(poses.warming):
+    for i, kelvin in enumerate(heat - 20.0):
         origins = robot.origins.copy()
         for link in grows:
             origins[link, :3, 3] *= 1.0 + growth * kelvin
         warm = replace(context, robot=replace(robot, origins=origins))
         expected[i] = seen(warm, tips(warm.robot, poses.q[i : i + 1]))[0]
-    read = model_with(context, "thermal_expansion", where).predict(np.array([growth]), poses)
+    model = model_with(context, "thermal_expansion", where)
+    assert [p.name for p in model.parameters] == ["lag", "growth"]
+    read = model.predict(np.array([lag, growth]), poses)
     np.testing.assert_allclose(read, expected, atol=1e-12)
     assert np.abs(read - seen(context, tips(context.robot, poses.q))).max() > 1e-5
 

@@ -66,9 +66,9 @@ class CrossValidation:
         fold = blocks_of_time(poses, _FOLDS) if by_time else _by_configurations(poses)
         return cls(stage, fit, fold)
 
-    def errors(self, own: Sequence[Effect]) -> PredictionErrors:
-        """Errors with and without some of the effects."""
-        left, less = self._whole, self._predicted(own)
+    def errors(self, own: Sequence[Effect], gone: Sequence[Effect] = ()) -> PredictionErrors:
+        """Errors with and without some of the effects, others being gone."""
+        left, less = self._predicted(gone), self._predicted([*gone, *own])
         errors = np.stack([left, less], axis=-1)
         if self.fit.mixing is not None:
             errors = self.fit.mixing(errors)
@@ -98,10 +98,6 @@ class CrossValidation:
     @cached_property
     def _folds(self) -> list[IntArray]:
         return [np.flatnonzero(self.fold == f) for f in range(int(self.fold.max()) + 1)]
-
-    @cached_property
-    def _whole(self) -> Array:
-        return self._predicted(())
 
     def _predicted(self, gone: Sequence[Effect]) -> Array:
         """Residuals (m, R) of poses as the others predict them, some effects being gone."""
@@ -150,12 +146,22 @@ def crossed(
 
 
 def unsupported(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> dict[str, Why]:
-    """Keys of the causes of a fit with which left-out poses are predicted no better, and why."""
-    by_time = {c.depends_on in BY_TIME for c in active}
-    each = {way: CrossValidation.of(stage, fit, way) for way in by_time}
+    """Keys of the causes of a fit with which left-out poses are predicted no better, and why.
+
+    The one that gains least goes first: of two that do the same neither gains beside the other.
+    """
+    each = {way: CrossValidation.of(stage, fit, way) for way in (False, True)}
     found: dict[str, Why] = {}
-    for c in active:
-        timed = c.depends_on in BY_TIME
-        if not each[timed].errors([o.effect for o in with_curves(c, active)]).earns:
-            found[c.key] = "time" if timed else "configurations"
-    return found
+    while True:
+        kept = [c for c in active if c.key not in found]
+        gone = [c.effect for c in active if c.key in found]
+        in_vain: list[tuple[float, Candidate]] = []
+        for c in kept:
+            own = [o.effect for o in with_curves(c, kept)]
+            errors = each[c.depends_on in BY_TIME].errors(own, gone)
+            if not errors.earns:
+                in_vain.append((errors.without - errors.with_it, c))
+        if not in_vain:
+            return found
+        _, least = min(in_vain, key=lambda pair: pair[0])
+        found[least.key] = "time" if least.depends_on in BY_TIME else "configurations"

@@ -67,7 +67,9 @@ class ThermalExpansion(StretchEffect):
 
 @dataclass(frozen=True, eq=False)
 class LateExpansion(Tuned, ThermalExpansion):
-    """The same where links follow the temperature late."""
+    """The same where links follow the temperature late, with one of the time constants ``LAGS``."""
+
+    smooth: ClassVar[bool] = False
 
     @property
     def tuning_parameter(self) -> Parameter:
@@ -78,10 +80,10 @@ class LateExpansion(Tuned, ThermalExpansion):
         return tuple(self.parameter(*unknown) for unknown in self.unknowns)
 
     def functions(self, poses: Poses, tuning: Array) -> Array:
-        return poses.warming_late(np.asarray(tuning))[0][..., None]
+        return poses.warming_late(tuning)[..., None]
 
     def slopes(self, poses: Poses, tuning: Array) -> Array:
-        return poses.warming_late(np.asarray(tuning))[1][..., None]
+        return np.zeros((*np.shape(tuning), len(poses), 1))
 
     def grid(self, poses: Poses) -> Array:
         return np.zeros(0) if poses.lagged is None else LAGS

@@ -13,7 +13,7 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.errors import CalibError
 from calib.result import Result
 
-LAGS = 60.0 * np.array([0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0])
+LAGS = 60.0 * np.array([0.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 180.0])
 """Time constants, s, at which it is known what follows the temperature late."""
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
 
@@ -147,18 +147,12 @@ class Poses(Result):
         """Temperature above the 20 degC of the nominal model, shape (m,), K; zero if not given."""
         return np.zeros(len(self)) if self.temperature is None else self.temperature - 20.0
 
-    def warming_late(self, lag: Array) -> tuple[Array, Array]:
-        """The same of what follows with a time constant, and its derivative by that, both (..., m).
-
-        lag : ndarray, shape (...), s; between those of ``LAGS`` it is interpolated
-        """
-        shape = (*np.shape(lag), len(self))
+    def warming_late(self, lag: Array) -> Array:
+        """The same of what follows with the nearest of ``LAGS``, shape (..., m); lag (...), s."""
         if self.lagged is None:
-            return np.broadcast_to(self.warming, shape), np.zeros(shape)
-        after = np.clip(np.searchsorted(LAGS, lag), 1, len(LAGS) - 1)
-        low, high = (self.lagged.T[k] for k in (after - 1, after))
-        slope = (high - low) / (LAGS[after] - LAGS[after - 1])[..., None]
-        return low - 20.0 + slope * (lag - LAGS[after - 1])[..., None], slope
+            return np.broadcast_to(self.warming, (*np.shape(lag), len(self)))
+        nearest = np.abs(np.asarray(lag)[..., None] - LAGS).argmin(axis=-1)
+        return np.asarray(self.lagged.T[nearest] - 20.0)
 
     @cached_property
     def configuration(self) -> IntArray:

@@ -59,7 +59,7 @@ def loaded_session(cell: Cell, rng: np.random.Generator, count: int = 60) -> Pos
 def soft_day(cell: Cell, effect: str, **given: Array) -> tuple[Cell, Measurements, Array]:
     """Data of an arm that is off in geometry, soft, and has one more cause of error."""
     rng = np.random.default_rng(5)
-    poses = replace(loaded_session(cell, rng), **given)
+    poses = with_moves(replace(loaded_session(cell, rng), **given))
     cell = with_effects(cell, *ARM, effect)
     model = build(cell, poses).model
     truth = model.sizes * rng.normal(size=len(model.parameters)) * 0.3
@@ -150,7 +150,7 @@ def test_both_drifts_move_everything_alike(kr270: Cell) -> None:
 def test_a_steady_temperature_cannot_be_told_from_geometry(kr270: Cell) -> None:
     cell, data, _ = soft_day(kr270, "thermal_expansion:arm", temperature=np.full(120, 25.0))
     assert any("growth" in name for name in lost(calib.identify(cell, data)))
-    at_home = replace(data, poses=replace(data.poses, temperature=np.full(120, 20.0)))
+    at_home = replace(data, poses=with_moves(replace(data.poses, temperature=np.full(120, 20.0))))
     said = r"thermal_expansion:arm .* measure where temperature differs"
     with pytest.raises(EffectCannotAct, match=said):
         calib.identify(cell, at_home)

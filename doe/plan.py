@@ -43,18 +43,6 @@ class Assessment:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
-    """What the plan was chosen from.
-
-    drawn, feasible : int; removed_by : dict, constraint -> count, each where it fell first
-    """
-
-    drawn: int
-    feasible: int
-    removed_by: dict[str, int]
-
-
-@dataclass(frozen=True, eq=False)
 class Certificate:
     """The proof, as information functions: the larger the better. Second visits count.
 
@@ -62,14 +50,11 @@ class Certificate:
     bound : float, no plan of the candidates and of the plan's own poses is better, with as many
         second visits or with other poses in their place
     weighted : float, criterion of the best weighted plan, at which the bound was found
-    agreement_of_starts : float, median over the starts of the search of what they ended at, over the
-        best plan of candidates: near one, what is missing to the bound is likely the bound's slack
     """
 
     value: float
     bound: float
     weighted: float
-    agreement_of_starts: float
 
     @property
     def efficiency(self) -> float:
@@ -111,7 +96,7 @@ class Design(Result):
     problem : Problem
     poses : Poses, in the order of measuring, second visits included
     levels : AngleLevels, settled, or None
-    assessment : Assessment; certificate : Certificate; candidates : Candidates
+    assessment : Assessment; certificate : Certificate
     rivals : dict, name -> Rival
     curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
@@ -126,7 +111,6 @@ class Design(Result):
     levels: AngleLevels | None
     assessment: Assessment
     certificate: Certificate
-    candidates: Candidates
     day: PlannedDay
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()

@@ -11,6 +11,7 @@ Xie, arXiv 2411.01405, 2024.)
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,7 +24,7 @@ from doe.optimal.function import Selection
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
-_MOST_ROUNDS, _WARM_ROUNDS = 40, 3
+_MOST_ROUNDS = 40
 _NEAR = 0.96  # share of the score that enters a plan, below which a candidate without weight leaves
 _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywhere
 _DIGITS = 0.02  # precision of a master, of the gap that is left
@@ -66,18 +67,21 @@ class Relaxation:
         return self.bound / self.value - 1.0
 
 
-def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
+def relax(
+    posed: Selection, *, start: Sequence[int] | IntArray = (), gap: float = GAP
+) -> Relaxation:
     """Maximise the criterion over weights, certified over every candidate.
 
-    start : ndarray of int, candidates to begin with, as those of a known plan, in place of a search for
-        them
-    It stops at a gap of :data:`GAP`, or at a larger one where the solver cannot reach it.
+    start : further candidates to begin with, as those of a known plan
+    It stops at a gap, or at a larger one where the solver cannot reach it.
     """
-    criterion, allowed = posed.criterion, posed.allowed
+    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
     if not (criterion.smooth or criterion.conical):
         return _stepped(posed)
-    active, M = _warm_start(posed, _WARM_ROUNDS if start is None else 1)
-    active = active if start is None else np.union1d(active, start)
+    M = blocks.fixed + allowed.size * blocks.mean
+    scores = blocks.scores(criterion.gradient(M))
+    active = np.union1d(_entering(scores, allowed), np.asarray(start, dtype=int))
+    active = np.union1d(active, allowed.best(scores)[1])
     met, precision, best, G_best, stalled = [M], _DIGITS, np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         part = posed.take(active)
@@ -86,15 +90,14 @@ def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
         met.append(M)
         value = float(criterion.value(M))
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
-        bound, G = min(((posed.bound(G), G) for G in proofs), key=lambda proof: proof[0])
+        bound, G, scores = min((posed.proof(G) for G in proofs), key=lambda proof: proof[0])
         stalled = 0 if bound < best * (1.0 - 0.1 * GAP) else stalled + 1
         if bound < best:
             best, G_best = bound, G
-        if best <= value * (1.0 + GAP):
+        if best <= value * (1.0 + gap):
             break
         # No more digits of the master than its candidates deserve.
         precision = max(GAP / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
-        scores = posed.blocks.scores(G)
         entering = _entering(scores, allowed)
         if np.isin(entering, active).all() and stalled >= _PATIENCE:
             break
@@ -155,18 +158,6 @@ def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 
 
-def _warm_start(posed: Selection, rounds: int) -> tuple[IntArray, Array]:
-    """Candidates and information of so many Frank-Wolfe steps from uniform weights."""
-    blocks, allowed, active = posed.blocks, posed.allowed, np.zeros(0, dtype=int)
-    M = blocks.fixed + allowed.size * blocks.mean
-    for step in range(rounds):
-        scores = blocks.scores(posed.criterion.gradient(M))
-        _, chosen = allowed.best(scores)
-        active = np.union1d(active, np.union1d(chosen, _entering(scores, allowed)))
-        M = M + (blocks.total(chosen) - M) * (2.0 / (step + 3.0))
-    return active, M
-
-
 def _entering(scores: Array, allowed: Allowed) -> IntArray:
     """Best candidates of every level, and somewhat more of them than a plan takes."""
     spare, counts = max(2, 60 // len(allowed.positions)), allowed.counts
@@ -193,7 +184,7 @@ def newton_weights(posed: Selection, precision: float) -> Array:
     y = np.zeros(len(present))
     lower_dual = upper_dual = np.full(q, len(blocks.fixed) / (2.0 * q))
     for _ in range(_MOST_STEPS):
-        _, slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
+        slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
         gap = float(w @ lower_dual + slack @ upper_dual)
         residual = slope + sums.T @ y - lower_dual + upper_dual
         loose = np.abs(residual).max() * target.sum()  # what the bound may lose by it

@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
 
 class Proof(Entry):
-    """What is missing to the bound: the solver's tolerance, and how far apart searches ended."""
+    """What is missing to the bound by the solver's tolerance."""
 
     solver_gap: Number
-    agreement_of_starts: Number
 
 
 class DesignPose(JointValues):
@@ -161,7 +160,7 @@ class DesignResult(Result, PlanAccuracy):
             predicted_std=ParameterStd.known(problem.model.parameters, judged.std),
             expected=ExpectedErrors.of_plan(found, cell),
             targets=cell.targets_in_words,
-            candidates=CandidateCounts.from_object(found.candidates),
+            candidates=CandidateCounts.from_object(problem.pool),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
             reapproaches=None if again is None else RepeatVisits.from_object(again),

@@ -236,32 +236,15 @@ class Regressor(Linearisation):
         return replace(self, T=self.T @ np.linalg.inv(np.linalg.cholesky(mean)).T)
 
 
-@dataclass(frozen=True, eq=False)
-class TargetErrors:
-    """Position errors at K target poses to first order, the mean over the points in the rows.
+def target_rows(
+    model: Model, values: Array, targets: Poses, at_markers: bool | None = None
+) -> Array:
+    """Position errors at K target poses to first order, the mean over the points in the rows, (K, r, p).
 
-    rows : ndarray, shape (K, r, p), m per unit of the parameters
-    weights : ndarray, shape (K,), summing to one
+    In m per SI unit about values (p,), for the readings of a model.
+    at_markers : whether errors count at the markers, else at the tip's origin; None: where the markers
+        are unknowns
     """
-
-    rows: Array
-    weights: Array
-
-    @classmethod
-    def of(
-        cls, model: Model, values: Array, targets: Poses, weights: Array,
-        at_markers: bool | None = None,
-    ) -> Self:  # fmt: skip
-        """Per SI unit about values (p,), for the readings of a model.
-
-        at_markers : whether errors count at the markers, else at the tip's origin; None: where the
-            markers are unknowns
-        """
-        points = working_points if at_markers is None else at_points_read if at_markers else at_tip
-        _, J = replace(points(model)).jacobian_at_rest(values, targets)
-        rows = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1])
-        return cls(np.asarray(rows), weights / weights.sum())
-
-    def per(self, T: Array) -> TargetErrors:
-        """The same for parameters y with ``theta = T y``, shape (p, p), or (p,) for its diagonal."""
-        return replace(self, rows=self.rows * T if T.ndim == 1 else self.rows @ T)
+    points = working_points if at_markers is None else at_points_read if at_markers else at_tip
+    _, J = replace(points(model)).jacobian_at_rest(values, targets)
+    return np.asarray(J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1]))

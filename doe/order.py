@@ -162,43 +162,38 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
 
     Raises CalibError where the plan has too few poses.
     """
-    chosen, dof = _spread(problem, poses, count)
-    day = over_the_day(problem.cell, poses.q, chosen.tolist())
+    chosen = _spread(problem.cell, poses, count)
+    day = over_the_day(problem.cell, poses.q, chosen)
     later = [i in day[:k] for k, i in enumerate(day)]
     names = [f"{poses.names[i]}{'_again' * second}" for i, second in zip(day, later, strict=True)]
     visited = replace(poses.take(np.array(day)), names=tuple(names), time=None, order=None)
     once = tuple(poses.names[i] for i in chosen)
-    again = tuple(f"{name}_again" for name in once)
-    return visited, Reapproaches(once, again, int(dof.sum()))
+    q = poses.q[chosen]
+    H = problem.regressor.sensitivities(q, visible(scene_of(problem.cell, q)))
+    shown = np.linalg.svd(H, compute_uv=False)
+    dof = int((shown > _SEEN * shown.max()).sum())
+    return visited, Reapproaches(once, tuple(f"{name}_again" for name in once), dof)
 
 
-def _spread(problem: Problem, poses: Poses, count: int) -> tuple[IntArray, IntArray]:
-    """Of the poses that show most coordinates, those farthest from each other, and how many, (count,).
+def _spread(cell: Cell, poses: Poses, count: int) -> list[int]:
+    """Of the poses those farthest from each other, in their order.
 
     Arms return worse in some postures than in others: the figure is to hold for the workspace.
     """
     first = np.unique(poses.configuration, return_index=True)[1]
     may = np.sort(first[poses.configuration[first] != poses.configuration[-1]])
-    if count > len(may):
+    if not 0 < count <= len(may):
         raise CalibError(
             f"{count} poses cannot be visited again: {len(may)} of {len(poses)} can, as the arm stands "
             "at the last one; ask for fewer, or for more poses"
         )
-    q = poses.q[may]
-    H = problem.regressor.sensitivities(q, visible(scene_of(problem.cell, q)))
-    size = np.linalg.svd(H, compute_uv=False)
-    shown = (size > _SEEN * size.max()).sum(axis=1)
-    low, high = problem.cell.robot.sample_limits().T
-    at = q / np.maximum(high - low, 1e-9)
+    low, high = cell.robot.sample_limits().T
+    at = poses.q[may] / np.maximum(high - low, 1e-9)
     apart = np.abs(at[:, None] - at).max(axis=-1)
-    chosen: list[int] = []
-    for _ in range(count):
-        free = np.setdiff1d(np.arange(len(may)), chosen)
-        free = free[shown[free] == shown[free].max()]
-        away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
-        chosen.append(int(free[away.argmax()]))
-    chosen.sort()
-    return may[chosen], shown[chosen]
+    chosen = [int(apart.mean(axis=1).argmax())]
+    while len(chosen) < count:
+        chosen.append(int(apart[:, chosen].min(axis=1).argmax()))
+    return list(map(int, may[sorted(chosen)]))
 
 
 def over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:

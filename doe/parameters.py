@@ -89,7 +89,7 @@ def interest_of(model: Model, request: Request) -> Array | None:
     """Combinations of the parameters, in their units, that matter, shape (s, p); None for all.
 
     The one of ``c`` is the sum of ``NAME=FACTOR``, else each parameter stands by itself. Raises
-    CalibError where a name is unknown, or a factor cannot be read or is zero.
+    CalibError where a name is unknown, or a factor cannot be read.
     """
     if not request.of:
         return None
@@ -98,21 +98,20 @@ def interest_of(model: Model, request: Request) -> Array | None:
         return one[sorted({row for text in request.of for row in _known(model, text)})]
     direction = np.zeros((1, len(one)))
     for text in request.of:
-        name, equals, factor = text.partition("=")
-        rows = _known(model, name)
-        if len(rows) != 1:
-            raise CalibError(
-                f"of {name!r} names {len(rows)} parameters; a combination takes single ones"
-            )
-        try:
-            direction[0, rows] = float(factor) if equals else 1.0
-        except ValueError:
-            direction[0, rows] = 0.0
-        if not 1.0 / _LARGEST_FACTOR <= abs(direction[0, rows[0]]) <= _LARGEST_FACTOR:
-            raise CalibError(
-                f"of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
-            )
+        name, _, written = text.partition("=")
+        factor = _number(written or "1")
+        if not 1.0 / _LARGEST_FACTOR <= abs(factor) <= _LARGEST_FACTOR:
+            raise CalibError(f"of {text!r}: {written!r} is no plausible factor; write NAME=FACTOR")
+        direction[0, _known(model, name)] = factor
     return direction
+
+
+def _number(text: str) -> float:
+    """The number, NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
 
 
 def _matches(model: Model, text: str) -> list[int]:

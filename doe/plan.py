@@ -27,7 +27,6 @@ class Assessment:
     determinant, trace : float, det(M)^(1/p) and the trace of the covariance, parameters in their units
     std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
     task_rms, task_worst : float, m, over the target poses
-    observability : dict, indices O1 to O5 of rows scaled to plausible sizes
     points, hidden : int, points of the plan, and how many of them are out of sight
     """
 
@@ -37,7 +36,6 @@ class Assessment:
     std: Array
     task_rms: float
     task_worst: float
-    observability: dict[str, float]
     points: int
     hidden: int
 
@@ -186,7 +184,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    rows, weights = problem.at_targets.rows, problem.at_targets.weights
+    rows, weights = problem.target_rows, problem.target_weights
     squared = _squared_errors(rows, M)
     scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
@@ -197,7 +195,6 @@ def assess(problem: Problem, q: Array) -> Assessment:
         std=np.where(lost, np.nan, np.sqrt(np.diag(cov)) * units),
         task_rms=_rms(weights, squared),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
-        observability=observability(problem, M, len(q)),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
     )
@@ -227,18 +224,3 @@ def _squared_errors(rows: Array, M: Array) -> Array:
 def _rms(weights: Array, squared: Array) -> float:
     """Over the targets, m; inf where it is so at one, whatever it weighs."""
     return float(np.sqrt(squared @ weights)) if np.isfinite(squared).all() else np.inf
-
-
-def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
-    """Observability indices of the rows behind M, shape (p, p), columns in plausible sizes.
-
-    O1 Borm and Menq 1991; O2 Driels and Pathre 1990; O3 Nahvi, Hollerbach and Hayward 1994; O4 Nahvi
-    and Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 by a factor.
-    """
-    sized = problem.regressor.T / problem.model.sizes[:, None]
-    half = np.linalg.solve(np.linalg.cholesky(M), sized.T)  # its squares would lose the smallest
-    s = 1.0 / np.linalg.svd(half, compute_uv=False)
-    least, most = float(s.min()), float(s.max())
-    mean = float(np.exp(np.log(s).mean()) / np.sqrt(poses))
-    indices = (mean, least / most, least, least**2 / most, float(1.0 / (1.0 / s).sum()))
-    return {f"O{k}": index for k, index in enumerate(indices, 1)}

@@ -64,7 +64,7 @@ def design(
     """Choose poses that make a criterion best, with a certificate.
 
     poses : how many to choose; the cell's [design] or the levels say it otherwise
-    criterion : "task", "task-worst", "D", "Ds", "A", "c", "E", "G" or one of an installed package
+    criterion : "task", "D", "Ds", "A", "c", "E", "G" or one of an installed package
     levels : by joint, or in short "A2=5x3", "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
     candidates : number of Sobol candidates, whose angles are polished after the choice, or a table of
         candidates in the format of a plan, which are left as they are

@@ -20,7 +20,7 @@ from calib.poses import Poses, poses_at
 from doe.candidates import CHUNK, WORKERS, Pool, candidates_of, rounded
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
-from doe.information import Regressor, TargetErrors, nominal
+from doe.information import Regressor, nominal, target_rows
 from doe.levels import at_level
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack, packed_size
@@ -51,7 +51,8 @@ class Problem:
     regressor : Regressor, in coordinates in which the mean information of candidates is the identity
     constraints : tuple of Constraint; pool : Pool, candidates that keep them and may be chosen
     criterion : Criterion
-    targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
+    targets : Poses; target_rows : ndarray, shape (K, r, p), of the errors there, m, in the coordinates of
+        the criteria; target_weights : ndarray, shape (K,), summing to one
     left_out : tuple of Unidentifiable, elastic parameters that the arm's own weight does not show
     unplanned : tuple of str, effects of the user's model that depend on more than the joints
     """
@@ -63,7 +64,8 @@ class Problem:
     pool: Pool
     criterion: Criterion
     targets: Poses
-    at_targets: TargetErrors
+    target_rows: Array
+    target_weights: Array
     left_out: tuple[Unidentifiable, ...] = ()
     unplanned: tuple[str, ...] = ()
 
@@ -104,7 +106,8 @@ class Problem:
 
         def fill(start: int) -> None:
             part = slice(start, start + CHUNK)
-            packed[part] = pack(self.regressor.information(q[part], self.pool.seen[part]))
+            seen = None if self.pool.seen[part].all() else self.pool.seen[part]
+            packed[part] = pack(self.regressor.information(q[part], seen))
 
         with ThreadPoolExecutor(WORKERS) as executor:
             list(executor.map(fill, range(0, len(q), CHUNK)))
@@ -134,20 +137,21 @@ def problem_of(cell: Cell, request: Request) -> Problem:
     _check_count(cell, request, pool)
     probe = pool.take(np.random.default_rng(0).permutation(len(pool))[:_PROBE])
     regressor, left_out = _regressor(cell, request, probe)
-    targets, at = _targets(regressor, request)
+    targets, rows, weights = _targets(regressor, request)
     question = Question(
         regressor.model,
         regressor.T,
         interest_of(regressor.model, request),
-        at.rows,
-        at.weights,
+        rows,
+        weights,
         regressor.information(probe.q[:_REGION], probe.seen[:_REGION]),
         rival_rows(regressor.model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
     return Problem(
-        cell, request, regressor, constraints, pool, criterion, targets, at, left_out, unplanned
-    )
+        cell, request, regressor, constraints, pool, criterion, targets, rows, weights, left_out,
+        unplanned,
+    )  # fmt: skip
 
 
 def _rules(cell: Cell, request: Request, level: IntArray) -> Allowed:
@@ -197,14 +201,13 @@ def _regressor(
     return regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known), left_out
 
 
-def _targets(regressor: Regressor, request: Request) -> tuple[Poses, TargetErrors]:
-    """Where accuracy is wanted, and the errors there."""
+def _targets(regressor: Regressor, request: Request) -> tuple[Poses, Array, Array]:
+    """Where accuracy is wanted, the rows of errors there, and the weights of them, summing to one."""
     cell = regressor.cell
     targets, weights = targets_of(cell)
     try:
         check_targets(cell, targets)
     except CalibError as error:
         raise InputError(cell.targets_source or cell.path, "", str(error)) from None
-    model, values = regressor.model, regressor.values
-    at = TargetErrors.of(model, values, targets, weights, request.at_markers)
-    return targets, at.per(regressor.T)
+    rows = target_rows(regressor.model, regressor.values, targets, request.at_markers)
+    return targets, rows @ regressor.T, weights / weights.sum()

@@ -47,7 +47,6 @@ class PlanAccuracy(Entry):
     task_worst_mm: Maybe
     determinant: Maybe
     trace: Maybe
-    observability: dict[str, Maybe]
 
 
 class CandidateCounts(Entry):

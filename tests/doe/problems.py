@@ -15,7 +15,7 @@ from calib.poses import poses_at
 from doe.candidates import drawn
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant, Subset
-from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstTask
+from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstRegion
 from doe.criteria.trace import Average, Combination, Task
 from doe.levels import levels_of, parse_levels
 from doe.optimal.allowed import Allowed
@@ -55,7 +55,7 @@ def criteria(rng: np.random.Generator, p: int) -> dict[str, Criterion]:
         "task": Task(np.concatenate(list(F)).T),
         "E": SmallestEigenvalue(V),
         "E of two": SmallestEigenvalue(V[:2]),
-        "task-worst": WorstTask(np.swapaxes(F, -1, -2)),
+        "G": WorstRegion(np.swapaxes(F, -1, -2)),
         "rivals": Rivals((V[:1], V[1:3])),
     }
 

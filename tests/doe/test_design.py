@@ -127,16 +127,6 @@ def test_figures_from_the_observation_matrices(
     ratio = plan.value / plan.bound
     fraction = {"task": ratio**-2, "A": 1.0 / ratio, "D": ratio}[criterion]
     assert plan.efficiency == pytest.approx(fraction, rel=1e-9)
-    singular = np.linalg.svd(
-        observation(elastic, plan.poses).reshape(-1, len(units))
-        * model.sizes
-        / elastic.noise.along,
-        compute_uv=False,
-    )
-    assert plan.assessment.observability["O3"] == pytest.approx(singular[-1], rel=1e-4)
-    assert plan.assessment.observability["O2"] == pytest.approx(
-        singular[-1] / singular[0], rel=1e-4
-    )
 
 
 @pytest.mark.long
@@ -488,7 +478,7 @@ def test_plans_that_cannot_be(elastic: Cell, case: str) -> None:
 @pytest.mark.parametrize(
     ("asked", "knots", "count", "each"),
     [
-        ({"levels": "A2=3x5", "criterion": "task-worst"}, False, 3, 5),
+        ({"levels": "A2=3x5", "criterion": "G"}, False, 3, 5),
         ({"levels": "A2=5x3", "criterion": "D"}, False, 5, 3),
         ({"levels": "A2=5x3", "criterion": "D"}, True, 5, 3),
         ({"poses": 6, "criterion": "D"}, False, 3, 2),

@@ -154,11 +154,6 @@ class Pool:
         causes = sorted(((n, name) for name, n in self.removed_by.items() if n), reverse=True)
         if not causes:
             return CalibError(f"{what}; draw more, or allow repeats")
-        most, name = causes[0]
-        if most >= self.drawn and name.startswith("obstacle"):
-            return CalibError(
-                f"{what}: the arm meets {name} wherever it stands; move it, or make it smaller"
-            )
         said = ", ".join(f"{name} removed {n}" for n, name in causes)
         return CalibError(f"{what}: of {self.drawn}, {said}; relax what removed most")
 

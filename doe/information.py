@@ -239,7 +239,7 @@ class Regressor(Linearisation):
 def target_rows(
     model: Model, values: Array, targets: Poses, at_markers: bool | None = None
 ) -> Array:
-    """Position errors at K target poses to first order, the mean over the points in the rows, (K, r, p).
+    """Position errors at K target poses to first order, the mean over points in the rows, (K, r, p).
 
     In m per SI unit about values (p,), for the readings of a model.
     at_markers : whether errors count at the markers, else at the tip's origin; None: where the markers

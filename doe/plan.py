@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +15,6 @@ from doe.order import PlannedDay, Reapproaches
 from doe.problem import RIDGE, Problem
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
-_PAYS = 0.05  # squared error times poses, above its least, that is still as good
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,22 +45,15 @@ class Certificate:
     value : float, criterion of the plan
     bound : float, no plan of the candidates and of the plan's own poses is better, with as many
         second visits or with other poses in their place
-    weighted : float, criterion of the best weighted plan, at which the bound was found
     """
 
     value: float
     bound: float
-    weighted: float
 
     @property
     def efficiency(self) -> float:
         """At least this fraction of the best that any allowed plan could reach."""
         return min(1.0, self.value / self.bound)
-
-    @property
-    def solver_gap(self) -> float:
-        """Part of the missing efficiency that the relaxation's own gap accounts for."""
-        return max(0.0, self.bound / self.weighted - 1.0)
 
 
 @dataclass(frozen=True)
@@ -162,19 +153,6 @@ def named(q: Array) -> Poses:
     """Poses p01, p02 .. at joint values (N, dof)."""
     width = max(2, len(str(len(q))))
     return poses_at(q, names=tuple(f"p{i + 1:0{width}d}" for i in range(len(q))))
-
-
-def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
-    """The count of poses or readings from which on more of them only average noise; None for none.
-
-    counts, errors : as many of each, expected RMS error in any unit
-    Then the squared error falls as one over their number: twice the poses for a third off the error.
-    With fewer, every further pose does more than that.
-    """
-    if not counts:
-        return None
-    work = np.array(counts) * np.array(errors) ** 2
-    return counts[int(np.flatnonzero(work <= (1.0 + _PAYS) * work.min())[0])]
 
 
 def assess(problem: Problem, q: Array) -> Assessment:

@@ -169,35 +169,26 @@ def choose(
             f"{', '.join(ids[:4])}{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of "
             "[model] effects",
         )
-    return _reported(problem, posed, best)
-
-
-def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
-    """A plan with value and bound of the criterion that people read.
-
-    The search goes by one with a little more in it, and a bound of the one is none of the other: at a
-    single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
-    """
-    plain, relaxed = replace(posed, criterion=problem.criterion.plain), best.relaxed
-    if plain.criterion is not posed.criterion:
-        relaxed = bounded(plain, relaxed)
-    return replace(best, value=plain.value(best.plan), relaxed=relaxed)
+    return best
 
 
 def _certified(problem: Problem, posed: Selection, found: WholePlan, again: Array) -> Certificate:
     """What is proved of a plan whose poses ``again`` (m, dof) are visited twice."""
-    criterion, blocks, relaxed = problem.criterion.plain, posed.blocks, found.relaxed
+    plain, blocks, relaxed = problem.criterion.plain, posed.blocks, found.relaxed
+    # The search goes by a criterion with a little more in it. A bound of the one is none of the other:
+    # at a single target it was broken by 0.05 %.
+    if plain is not posed.criterion:
+        relaxed = bounded(replace(posed, criterion=plain), relaxed)
     scores, count = blocks.scores(relaxed.G), len(again)
     best = np.full(count, scores.argmax()) if posed.allowed.repeats else np.argsort(-scores)[:count]
     M = blocks.total(found.plan)
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
     rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(M)))
     bound = relaxed.bound + float(scores[best].sum())
-    value = float(criterion.value(M + problem.information(again).sum(axis=0)))
+    value = float(plain.value(M + problem.information(again).sum(axis=0)))
     if not posed.allowed.admits(found.plan) or value > bound * (1.0 + rounding):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
-    weighted = float(criterion.value(relaxed.M + blocks.matrices(best).sum(axis=0)))
-    return Certificate(min(value, bound), bound, weighted)
+    return Certificate(min(value, bound), bound)
 
 
 def _polished(
@@ -209,7 +200,7 @@ def _polished(
     allowed = replace(posed.allowed, group=np.concatenate([group, group[chosen.plan]]))
     posed = replace(posed, blocks=replace(posed.blocks, packed=packed), allowed=allowed)
     relaxed = relax(posed, start=np.concatenate([chosen.relaxed.support, plan]))
-    return posed, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed)), q
+    return posed, replace(chosen, plan=plan, relaxed=relaxed), q
 
 
 def _polish(problem: Problem, q: Array) -> Array:

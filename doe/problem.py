@@ -51,7 +51,7 @@ class Problem:
     regressor : Regressor, in coordinates in which the mean information of candidates is the identity
     constraints : tuple of Constraint; pool : Pool, candidates that keep them and may be chosen
     criterion : Criterion
-    targets : Poses; target_rows : ndarray, shape (K, r, p), of the errors there, m, in the coordinates of
+    targets : Poses; target_rows : ndarray, shape (K, r, p), of errors there, m, in the coordinates of
         the criteria; target_weights : ndarray, shape (K,), summing to one
     left_out : tuple of Unidentifiable, elastic parameters that the arm's own weight does not show
     unplanned : tuple of str, effects of the user's model that depend on more than the joints

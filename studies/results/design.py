@@ -27,12 +27,6 @@ if TYPE_CHECKING:
     from doe import Design
 
 
-class Proof(Entry):
-    """What is missing to the bound by the solver's tolerance."""
-
-    solver_gap: Number
-
-
 class DesignPose(JointValues):
     """A pose of the plan; level : deg or mm, None without levels."""
 
@@ -109,7 +103,6 @@ class DesignResult(Result, PlanAccuracy):
     value: Maybe
     bound: Maybe
     efficiency: Number
-    proof: Proof
     poses: tuple[DesignPose, ...] = Field(min_length=1)
     levels_deg: dict[str, tuple[Number, ...]]
     levels_mm: dict[str, tuple[Number, ...]]
@@ -126,7 +119,6 @@ class DesignResult(Result, PlanAccuracy):
     notes: tuple[str, ...]
     granted: tuple[str, ...]
     seconds: NotNegative
-    pays_until: Count | None
     unchecked: str
     day: DayTimes | None
 
@@ -135,11 +127,9 @@ class DesignResult(Result, PlanAccuracy):
         """A design in a cell."""
         from doe.constraints.self_collision import unchecked
         from doe.order import travel
-        from doe.plan import stops_paying
 
         problem, judged, again = found.problem, found.assessment, found.reapproaches
         criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
-        counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
         levels = shown_levels(found)
         return cls.from_object(
             judged,
@@ -151,7 +141,6 @@ class DesignResult(Result, PlanAccuracy):
             value=found.value,
             bound=found.bound,
             efficiency=found.efficiency,
-            proof=Proof.from_object(found.certificate),
             poses=tuple(
                 DesignPose(pose=name, level=level, **joint_values(robot, q))
                 for name, level, q in zip(found.poses.names, levels, found.poses.q, strict=True)
@@ -174,7 +163,6 @@ class DesignResult(Result, PlanAccuracy):
             notes=found.notes,
             granted=found.granted,
             seconds=found.seconds,
-            pays_until=stops_paying(counts, errors),
             unchecked=unchecked(cell),
             day=DayTimes.from_object(found.day, speed_percent=found.day.cell.pace.speed * 100.0),
         )

@@ -427,7 +427,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "no number": (as_it_is, {}, "how many poses"),
     "too few poses": (as_it_is, {"poses": 2}, "poses leave"),
     "nothing feasible": (
-        blocked(EVERYWHERE, "tool"), AT_LEVELS, "the arm meets obstacle 1 (sphere) wherever it stands"
+        blocked(EVERYWHERE, "tool"), AT_LEVELS, "of 500, obstacle 1 (sphere) removed 500"
     ),
     "nothing feasible at a level": (blocked(LOW, "A3"), AT_LEVELS, "at A2 = -0.01"),
     "chi_1 under a vertical load": (modelled("joint_compliance"), FIFTEEN, "joint_compliance:A1"),

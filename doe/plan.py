@@ -11,7 +11,7 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.constraints import read_by, scene_of, visible
 from doe.levels import AngleLevels
-from doe.order import PlannedDay, Reapproaches
+from doe.order import Reapproaches
 from doe.problem import RIDGE, Problem
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
@@ -92,7 +92,7 @@ class Design(Result):
     granted : tuple of str, what the expected error takes for granted
     seconds : float, that it took
     reapproaches : Reapproaches or None
-    day : PlannedDay, the order of the poses and the time that it takes
+    duration : float, s, of the day in this order, NaN where not all speeds are known
     """
 
     problem: Problem
@@ -100,7 +100,7 @@ class Design(Result):
     levels: AngleLevels | None
     assessment: Assessment
     certificate: Certificate
-    day: PlannedDay
+    duration: float
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()

@@ -124,7 +124,7 @@ def planned(
         rivals={n: _judged(problem, plan.q, certificate.bound) for n, plan in against.items()},
         curve=_accuracy_curve(problem, offered) if curve else (),
         reapproaches=again,
-        day=day_of(cell, poses),
+        duration=day_of(cell, poses),
     )
     notes, seconds = (*early, *notes_of(result)), time.perf_counter() - begun
     return replace(result, notes=notes, granted=granted_by(result), seconds=seconds)

@@ -76,20 +76,6 @@ class CurveStep(Entry):
     efficiency: Maybe
 
 
-class DayTimes(Entry):
-    """The time that the poses take in their order.
-
-    seconds : of the whole day, None where not all joint speeds are known
-    speedless : joints of which no speed is known
-    """
-
-    speed_percent: NotNegative
-    seconds: Maybe
-    moving_s: Maybe
-    standing_s: NotNegative
-    speedless: tuple[str, ...] = ()
-
-
 class DesignResult(Result, PlanAccuracy):
     """The poses to measure, and the proof of how good they are.
 
@@ -120,7 +106,7 @@ class DesignResult(Result, PlanAccuracy):
     granted: tuple[str, ...]
     seconds: NotNegative
     unchecked: str
-    day: DayTimes | None
+    duration_s: Maybe
 
     @classmethod
     def of(cls, found: Design, cell: Cell, made_from: Envelope) -> Self:
@@ -164,7 +150,7 @@ class DesignResult(Result, PlanAccuracy):
             granted=found.granted,
             seconds=found.seconds,
             unchecked=unchecked(cell),
-            day=DayTimes.from_object(found.day, speed_percent=found.day.cell.pace.speed * 100.0),
+            duration_s=found.duration,
         )
 
     @property

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects import Effect, catalogue
@@ -19,7 +18,6 @@ from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.model.covariance import Unidentifiable, identifiable
-from calib.poses import poses_at
 from doe.information import Regressor
 from doe.request import CannotIdentify, Request
 
@@ -180,7 +178,7 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
     if all(name.startswith(tuple(f"{r}." for r in rivals)) for name in names):
         apart = f"no plan tells {' from '.join(rivals)}: {lost[0].reason} ({', '.join(names)})"
         raise CannotIdentify(names, f"{apart}; name others")
-    remedy = _help(regressor.cell, regressor.model, names)
+    remedy = _help(regressor, names)
     raise CannotIdentify(names, f"no plan determines {by_reason(lost)}; {remedy}")
 
 
@@ -206,14 +204,10 @@ def _undetermined(
     return identifiable(scaled, np.ones(p), ids).unidentifiable
 
 
-def _help(cell: Cell, model: Model, lost: Sequence[str]) -> str:
-    elastic = any("compliance" in name or "stiffness" in name for name in lost)
+def _help(regressor: Regressor, lost: Sequence[str]) -> str:
     out = "take it out of [model] effects"
-    if not elastic:
+    if not any("compliance" in name or "stiffness" in name for name in lost):
         return f"{out}, free more joints, or add markers"
-    loads = loads_of(
-        model.robot, poses_at(np.zeros((1, cell.robot.dof))), cell.payload, cell.gravity
-    )
-    if cell.load is None and loads.absent:
+    if regressor.cell.load is None:
         return f"{out}, or give a [load]"
     return f"{out}, or move the load off the joint's axis: [load] com_mm, a force across gravity"

@@ -38,27 +38,10 @@ class Obstacle(Clearance):
             case HalfSpace(point, normal):
                 return segment_halfspace(start, end, point, normal)
 
-    @property
-    def ball(self) -> tuple[Array, float] | None:
-        """Centre (3,) and radius [m] of a ball that holds it; None for what has no end."""
-        match self.body:
-            case Box(T, half):
-                return T[:3, 3], float(np.linalg.norm(half))
-            case Ball(centre, radius):
-                return centre, radius
-            case HalfSpace():
-                return None
-
     def allows(self, scene: Scene) -> Mask:
-        # Most shapes are far: balls around them tell it at a fraction of the cost.
         free = np.ones(len(scene), dtype=bool)
         for capsule in (own for own in scene.capsules if own.moves):
-            near = free
-            if self.ball is not None:
-                centre, radius = self.ball
-                away = np.linalg.norm(capsule.centre - centre, axis=1)
-                near = free & (away <= radius + capsule.reach + self.margin)
-            at = np.flatnonzero(near)
+            at = np.flatnonzero(free)
             clear = self.distance(capsule.start[at], capsule.end[at])
             free[at] = clear > capsule.radius + self.margin
         return free

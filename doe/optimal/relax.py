@@ -30,10 +30,8 @@ _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywher
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
-_RANDOM, _STEPS = (
-    20,
-    150,
-)  # plans by chance that the method without cones begins with, and its steps
+_RANDOM = 20  # plans by chance that the method without cones begins with
+_STEPS = 150  # of it
 _LENGTHS = np.geomspace(0.5, 1e-3, 12)
 _MOST_STEPS, _CENTRING, _TO_BOUNDARY = 80, 0.15, 0.98  # of the interior point method
 

@@ -37,8 +37,8 @@ from doe.request import CANDIDATES, CannotIdentify, Request, asked_count, asked_
 
 _ROUNDING = 1e-6  # of a value
 _EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
-_ROUGH = 0.02  # gap of weights that only guide a search: the bound is found anew after the polish
-_TRIES, _ROUNDS = 32, 10  # neighbours of each pose in one round
+_ROUGH = 5e-3  # gap of weights that only guide a search: the bound is found anew after the polish
+_TRIES, _ROUNDS = 32, 16  # neighbours of each pose in one round
 _WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 _STEPS = 8  # of a curve
 _LEVELS_FIRST = (

@@ -21,7 +21,6 @@ from calib.keys import (
     Direction,
     Flag,
     Mass,
-    Metres,
     Name,
     NotNegative,
     NotNegativeMetres,

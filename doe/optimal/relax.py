@@ -24,7 +24,7 @@ from doe.optimal.function import Selection
 
 GAP = 1e-4
 """Certified gap, relative, at which the relaxation stops."""
-_MOST_ROUNDS = 40
+_MOST_ROUNDS, _WARM_ROUNDS = 40, 3
 _NEAR = 0.96  # share of the score that enters a plan, below which a candidate without weight leaves
 _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywhere
 _DIGITS = 0.02  # precision of a master, of the gap that is left
@@ -73,13 +73,11 @@ def relax(
     start : further candidates to begin with, as those of a known plan
     It stops at a gap, or at a larger one where the solver cannot reach it.
     """
-    criterion, blocks, allowed = posed.criterion, posed.blocks, posed.allowed
+    criterion, allowed = posed.criterion, posed.allowed
     if not (criterion.smooth or criterion.conical):
         return _stepped(posed)
-    M = blocks.fixed + allowed.size * blocks.mean
-    scores = blocks.scores(criterion.gradient(M))
-    active = np.union1d(_entering(scores, allowed), np.asarray(start, dtype=int))
-    active = np.union1d(active, allowed.best(scores)[1])
+    active, M = _warm_start(posed, 1 if len(start) else _WARM_ROUNDS)
+    active = np.union1d(active, np.asarray(start, dtype=int))
     met, precision, best, G_best, stalled = [M], _DIGITS, np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         part = posed.take(active)
@@ -154,6 +152,18 @@ def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array
         return solved
     _, chosen = part.allowed.best(part.blocks.scores(part.criterion.gradient(met[-1])))
     return np.bincount(chosen, minlength=len(part)).astype(float), None
+
+
+def _warm_start(posed: Selection, rounds: int) -> tuple[IntArray, Array]:
+    """Candidates and information of so many Frank-Wolfe steps from uniform weights."""
+    blocks, allowed, active = posed.blocks, posed.allowed, np.zeros(0, dtype=int)
+    M = blocks.fixed + allowed.size * blocks.mean
+    for step in range(rounds):
+        scores = blocks.scores(posed.criterion.gradient(M))
+        _, chosen = allowed.best(scores)
+        active = np.union1d(active, np.union1d(chosen, _entering(scores, allowed)))
+        M = M + (blocks.total(chosen) - M) * (2.0 / (step + 3.0))
+    return active, M
 
 
 def _entering(scores: Array, allowed: Allowed) -> IntArray:

@@ -14,18 +14,16 @@ from calib.errors import CalibError
 from calib.poses import Poses
 from calib.sobol import Sobol
 from doe.constraints import Constraint, scene_of, visible
-from doe.information import Regressor
 from doe.levels import AngleLevels
-from doe.optimal.blocks import pack, packed_size
 from doe.views import NUMBERS, looking, views_of
 
 CHUNK = 2048
 """Configurations handled at once: a power of two keeps Sobol points balanced, and it fits the cache."""
 OUT_OF_SIGHT = "out_of_sight"
 """What removes a configuration at which no instrument reads anything."""
-_LARGEST = 8e9  # bytes of information blocks
 _STEP = 1e-2  # degrees or millimetres
-_WORKERS = 2
+WORKERS = 2
+"""Threads that judge candidates."""
 
 
 def rounded(cell: Cell, q: Array) -> Array:
@@ -79,27 +77,30 @@ def _levelled(cell: Cell, q: Array, levels: AngleLevels | None, turn: IntArray) 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates that may be measured, with their information.
+    """Candidates that may be measured.
 
     q : ndarray, shape (n, dof), rad or m; level : ndarray of int, shape (n,), zero without levels
     seen : ndarray of bool, shape (n, C), readings that can be had at each
-    drawn : int, candidates before the constraints; removed : dict, what removed how many of them, each
-        counted where it fell first
-    packed : ndarray, shape (n, p (p + 1) / 2), information of each, without columns until it is asked
+    drawn : int, candidates before the constraints; removed_by : dict, what removed how many of them,
+        each counted where it fell first
     """
 
     q: Array
     level: IntArray
     seen: Mask
     drawn: int
-    removed: dict[str, int]
-    packed: Array
+    removed_by: dict[str, int]
 
     def __len__(self) -> int:
         return len(self.q)
 
+    @property
+    def feasible(self) -> int:
+        """How many there are."""
+        return len(self.q)
+
     @classmethod
-    def feasible(
+    def of(
         cls,
         cell: Cell,
         constraints: tuple[Constraint, ...],
@@ -117,60 +118,32 @@ class Pool:
         if not (read := seen.any(axis=1)).all():
             removed[OUT_OF_SIGHT], q, seen = int((~read).sum()), q[read], seen[read]
         level = np.zeros(len(q), dtype=int) if levels is None else levels.of(q)
-        return cls(q, level, seen, drawn, removed, np.zeros((len(q), 0)))
+        return cls(q, level, seen, drawn, removed)
 
     @classmethod
     def together(cls, parts: Sequence[Pool]) -> Pool:
         """Several as one."""
-        names = dict.fromkeys(name for part in parts for name in part.removed)
+        names = dict.fromkeys(name for part in parts for name in part.removed_by)
         return cls(
             np.concatenate([part.q for part in parts]),
             np.concatenate([part.level for part in parts]),
             np.concatenate([part.seen for part in parts]),
             sum(part.drawn for part in parts),
-            {name: sum(part.removed.get(name, 0) for part in parts) for name in names},
-            np.concatenate([part.packed for part in parts]),
+            {name: sum(part.removed_by.get(name, 0) for part in parts) for name in names},
         )
 
     def take(self, index: IntArray | Mask | slice) -> Pool:
         """Some of the candidates."""
-        q, level, seen = self.q[index], self.level[index], self.seen[index]
-        return replace(self, q=q, level=level, seen=seen, packed=self.packed[index])
+        return replace(self, q=self.q[index], level=self.level[index], seen=self.seen[index])
 
     def without(self, q: Array) -> Pool:
         """The candidates that are none of these configurations (m, dof)."""
         known = {tuple(row) for row in np.round(q, 9)}
         fresh = np.array([tuple(row) not in known for row in np.round(self.q, 9)], dtype=bool)
         return replace(
-            self.take(fresh), removed={**self.removed, "already measured": int((~fresh).sum())}
+            self.take(fresh),
+            removed_by={**self.removed_by, "already measured": int((~fresh).sum())},
         )
-
-    def informed(self, regressor: Regressor) -> Pool:
-        """The same with the information of each, in two threads.
-
-        Raises CalibError where that would not fit into memory.
-        """
-        size = packed_size(len(regressor.T))
-        if 8.0 * len(self) * size > _LARGEST:
-            raise CalibError(
-                f"{len(self)} candidates for {len(regressor.T)} parameters need "
-                f"{8e-9 * len(self) * size:.0f} GB; ask for at most {int(_LARGEST / 8.0 / size)}"
-            )
-        packed = np.empty((len(self), size))
-
-        def fill(start: int) -> None:
-            part = slice(start, start + CHUNK)
-            seen = None if self.seen[part].all() else self.seen[part]
-            packed[part] = pack(regressor.information(self.q[part], seen))
-
-        with ThreadPoolExecutor(_WORKERS) as executor:
-            list(executor.map(fill, range(0, len(self), CHUNK)))
-        return replace(self, packed=packed)
-
-    def plus(self, regressor: Regressor, levels: AngleLevels | None, q: Array) -> Pool:
-        """The candidates and further configurations (m, dof), which keep the constraints."""
-        more = Pool.feasible(regressor.cell, (), levels, q)
-        return Pool.together([self, more.informed(regressor)])
 
     def too_few(self, where: str = "", count: int = 0, needed: int = 1) -> CalibError:
         """Why nothing, or too little, is left to choose from."""
@@ -178,14 +151,9 @@ class Pool:
         if count:
             only = f"only {count} feasible candidate{'s' if count > 1 else ''}"
             what = f"{only}{where}, and {needed} are needed"
-        causes = sorted(((n, name) for name, n in self.removed.items() if n), reverse=True)
+        causes = sorted(((n, name) for name, n in self.removed_by.items() if n), reverse=True)
         if not causes:
             return CalibError(f"{what}; draw more, or allow repeats")
-        most, name = causes[0]
-        if most >= self.drawn and name.startswith("obstacle"):
-            return CalibError(
-                f"{what}: the arm meets {name} wherever it stands; move it, or make it smaller"
-            )
         said = ", ".join(f"{name} removed {n}" for n, name in causes)
         return CalibError(f"{what}: of {self.drawn}, {said}; relax what removed most")
 
@@ -203,6 +171,6 @@ def candidates_of(
         if isinstance(source, int)
         else (source.q[start : start + CHUNK] for start in range(0, len(source), CHUNK))
     )
-    with ThreadPoolExecutor(_WORKERS) as executor:
-        parts = executor.map(lambda q: Pool.feasible(cell, constraints, levels, q), chunks)
+    with ThreadPoolExecutor(WORKERS) as executor:
+        parts = executor.map(lambda q: Pool.of(cell, constraints, levels, q), chunks)
         return Pool.together(list(parts))

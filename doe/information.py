@@ -51,19 +51,6 @@ class Linearisation:
         W = self.model.readout.whitening(self.values, data.poses, data.readings, data.sigma)
         return np.asarray(W * seen[..., None, None])
 
-    def of_visits(
-        self, poses: Poses, seen: Mask | None, visit: IntArray, sigma: float = np.nan
-    ) -> Array:
-        """Independent rows of poses that may be read, all of a visit together, (visits, rows, p).
-
-        seen : ndarray of bool, shape (visits, C), what is in sight, all where it is None
-        visit : ndarray of int, shape (m,), of each reading: all free, then all loaded
-        sigma : m, standard deviation of every point, NaN for that of the cell
-        """
-        seen = None if seen is None else seen[visit]
-        rows = self._rows(poses, lambda points: self.foreseen(poses, points, seen, sigma), visit)
-        return by_visit(rows.problem.rows(), int(visit[-1]) + 1)
-
     def scatter(self, poses: Poses, visit: IntArray | None = None) -> Scatter:
         """How readings err together; visit : of each one, as the poses say without it."""
         scatter = scatter_of(self.model, self.values, poses, self.arm)
@@ -82,16 +69,16 @@ class Linearisation:
         scatter = self.scatter(poses, visit)
         return Rows(rows, off, held, scatter, weighted(W, scatter.levers))
 
-    def foreseen(self, poses: Poses, points: Array, seen: Mask | None, sigma: float) -> Array:
+    def foreseen(self, poses: Poses, points: Array, seen: Mask | None) -> Array:
         """Whitening matrices (m, C, r, r), or one number for a row (m, C, 1, 1) where that will do.
 
         points : where they are predicted, (m, C, r): there beams end; seen : (m, C)
         """
         even, shape = self.model.readout.even, points.shape[:-1]
-        if np.isnan(sigma) and even is not None:
-            counted = np.ones(shape, dtype=bool) if seen is None else seen
-            return np.where(counted, 1.0 / even, 0.0)[..., None, None]
-        W = self.model.readout.whitening(self.values, poses, points, np.full(shape, sigma))
+        if even is None:
+            W = self.model.readout.whitening(self.values, poses, points, np.full(shape, np.nan))
+        else:
+            W = np.full((*shape, 1, 1), 1.0 / even)
         return np.asarray(W if seen is None else W * seen[..., None, None])
 
 
@@ -204,7 +191,9 @@ class Regressor(Linearisation):
         visible : ndarray, shape (m, C), readings in sight, all without it
         """
         poses, visit = self._readings(q)
-        rows = self.of_visits(poses, visible, visit)
+        seen = None if visible is None else visible[visit]
+        each = self._rows(poses, lambda points: self.foreseen(poses, points, seen), visit)
+        rows = by_visit(each.problem.rows(), len(q))
         return np.asarray((stacked(rows) @ self.T).reshape(rows.shape))
 
     def sensitivities(self, q: Array, visible: Mask) -> Array:
@@ -213,7 +202,7 @@ class Regressor(Linearisation):
         q : ndarray, shape (m, dof), one visit each; visible : ndarray of bool, shape (m, C)
         """
         poses, visit = self._readings(q)
-        W = self.foreseen(poses, self.model.predict(self.values, poses), visible[visit], np.nan)
+        W = self.foreseen(poses, self.model.predict(self.values, poses), visible[visit])
         return by_visit(weighted(W, self.scatter(poses, visit).levers[..., -6:]), len(q))
 
     def _readings(self, q: Array) -> tuple[Poses, IntArray]:
@@ -236,32 +225,15 @@ class Regressor(Linearisation):
         return replace(self, T=self.T @ np.linalg.inv(np.linalg.cholesky(mean)).T)
 
 
-@dataclass(frozen=True, eq=False)
-class TargetErrors:
-    """Position errors at K target poses to first order, the mean over the points in the rows.
+def target_rows(
+    model: Model, values: Array, targets: Poses, at_markers: bool | None = None
+) -> Array:
+    """Position errors at K target poses to first order, the mean over points in the rows, (K, r, p).
 
-    rows : ndarray, shape (K, r, p), m per unit of the parameters
-    weights : ndarray, shape (K,), summing to one
+    In m per SI unit about values (p,), for the readings of a model.
+    at_markers : whether errors count at the markers, else at the tip's origin; None: where the markers
+        are unknowns
     """
-
-    rows: Array
-    weights: Array
-
-    @classmethod
-    def of(
-        cls, model: Model, values: Array, targets: Poses, weights: Array,
-        at_markers: bool | None = None,
-    ) -> Self:  # fmt: skip
-        """Per SI unit about values (p,), for the readings of a model.
-
-        at_markers : whether errors count at the markers, else at the tip's origin; None: where the
-            markers are unknowns
-        """
-        points = working_points if at_markers is None else at_points_read if at_markers else at_tip
-        _, J = replace(points(model)).jacobian_at_rest(values, targets)
-        rows = J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1])
-        return cls(np.asarray(rows), weights / weights.sum())
-
-    def per(self, T: Array) -> TargetErrors:
-        """The same for parameters y with ``theta = T y``, shape (p, p), or (p,) for its diagonal."""
-        return replace(self, rows=self.rows * T if T.ndim == 1 else self.rows @ T)
+    points = working_points if at_markers is None else at_points_read if at_markers else at_tip
+    _, J = replace(points(model)).jacobian_at_rest(values, targets)
+    return np.asarray(J.reshape(len(targets), -1, J.shape[-1]) / np.sqrt(J.shape[1]))

@@ -8,7 +8,6 @@ import numpy as np
 
 from calib.arm.robot import odd_limits
 from calib.effects.elastic import StiffnessVsAngle
-from doe.constraints import Floor
 from doe.constraints.self_collision import SelfCollision
 from doe.parameters import by_reason
 from doe.plan import Design
@@ -88,8 +87,6 @@ def _checked(design: Design) -> Iterator[str]:
         )
     where = "at every pose or at zero" if shapes.own else "at every pose"
     for constraint in design.problem.constraints:
-        if isinstance(constraint, Floor) and constraint.exempt:
-            yield f"Always below the floor and not checked: {', '.join(constraint.exempt)}."
         if isinstance(constraint, SelfCollision) and constraint.exempt:
             pairs = ", ".join(f"{a} with {b}" for a, b in constraint.exempt)
             yield f"Not checked against each other, as they touch {where}: {pairs}."

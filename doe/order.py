@@ -27,44 +27,15 @@ _SEEN = 1e-6  # of the largest sensitivity: a direction that moves the markers l
 _DETOUR = 0.25  # what the time of a mean way weighs beside all joints from the other side
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedDay:
-    """What a plan takes.
+def day_of(cell: Cell, poses: Poses) -> float:
+    """Seconds of a day, from the first pose on; NaN where not all speeds are known.
 
-    cell : Cell; poses : Poses, those of the plan in their order
-    ways : ndarray, shape (m - 1,), s from each to the next, the joints moving straight
+    The arm is on its way, settles and is read, and the load is hung and taken off.
     """
-
-    cell: Cell
-    poses: Poses
-    ways: Array
-
-    @property
-    def speedless(self) -> tuple[str, ...]:
-        """Joints of which no speed is known."""
-        robot = self.cell.robot
-        given = np.full(robot.dof, np.nan) if robot.speeds is None else robot.speeds
-        return tuple(j for j, v in zip(robot.joints, given, strict=True) if np.isnan(v))
-
-    @property
-    def moving(self) -> float:
-        """Seconds on the way, NaN where not all speeds are known."""
-        return float("nan") if self.speedless else sum(self.ways.tolist())
-
-    @property
-    def standing(self) -> float:
-        """Seconds at the poses: settling, reading, and hanging the load and taking it off."""
-        return len(self.poses) * self.cell.pace.standing(self.cell.load is not None)
-
-    @property
-    def seconds(self) -> float:
-        """The whole day, from the first pose on; NaN where not all speeds are known."""
-        return self.moving + self.standing
-
-
-def day_of(cell: Cell, poses: Poses) -> PlannedDay:
-    """The day of poses in their order."""
-    return PlannedDay(cell, poses, durations(cell, np.diff(poses.q, axis=0)))
+    if cell.robot.speeds is None or np.isnan(cell.robot.speeds).any():
+        return float("nan")
+    standing = len(poses) * cell.pace.standing(cell.load is not None)
+    return standing + float(durations(cell, np.diff(poses.q, axis=0)).sum())
 
 
 def durations(cell: Cell, steps: Array) -> Array:
@@ -74,14 +45,13 @@ def durations(cell: Cell, steps: Array) -> Array:
     Where not all speeds are known the joints count as equally fast, one a second: it only compares.
     """
     robot, share = cell.robot, cell.pace.speed
-    known = robot.speeds is not None and not np.isnan(robot.speeds).any()
-    speeds = robot.speeds if robot.speeds is not None and known else np.ones(robot.dof)
+    speeds = np.full(robot.dof, np.nan) if robot.speeds is None else robot.speeds
+    speeds = np.ones(robot.dof) if np.isnan(speeds).any() else speeds
     given = np.full(robot.dof, np.nan) if robot.accelerations is None else robot.accelerations
     v, a = share * speeds, share * np.where(np.isnan(given), speeds / _FULL_SPEED_IN, given)
     far = np.abs(steps)
-    return np.asarray(
-        np.where(far * a >= v**2, far / v + v / a, 2.0 * np.sqrt(far / a)).max(axis=-1)
-    )
+    each = np.where(far * a >= v**2, far / v + v / a, 2.0 * np.sqrt(far / a))
+    return np.asarray(each.max(axis=-1))
 
 
 def travel(q: Array) -> float:
@@ -162,43 +132,38 @@ def with_reapproaches(problem: Problem, poses: Poses, count: int) -> tuple[Poses
 
     Raises CalibError where the plan has too few poses.
     """
-    chosen, dof = _spread(problem, poses, count)
-    day = over_the_day(problem.cell, poses.q, chosen.tolist())
+    chosen = _spread(problem.cell, poses, count)
+    day = over_the_day(problem.cell, poses.q, chosen)
     later = [i in day[:k] for k, i in enumerate(day)]
     names = [f"{poses.names[i]}{'_again' * second}" for i, second in zip(day, later, strict=True)]
     visited = replace(poses.take(np.array(day)), names=tuple(names), time=None, order=None)
     once = tuple(poses.names[i] for i in chosen)
-    again = tuple(f"{name}_again" for name in once)
-    return visited, Reapproaches(once, again, int(dof.sum()))
+    q = poses.q[chosen]
+    H = problem.regressor.sensitivities(q, visible(scene_of(problem.cell, q)))
+    shown = np.linalg.svd(H, compute_uv=False)
+    dof = int((shown > _SEEN * shown.max()).sum())
+    return visited, Reapproaches(once, tuple(f"{name}_again" for name in once), dof)
 
 
-def _spread(problem: Problem, poses: Poses, count: int) -> tuple[IntArray, IntArray]:
-    """Of the poses that show most coordinates, those farthest from each other, and how many, (count,).
+def _spread(cell: Cell, poses: Poses, count: int) -> list[int]:
+    """Of the poses those farthest from each other, in their order.
 
     Arms return worse in some postures than in others: the figure is to hold for the workspace.
     """
     first = np.unique(poses.configuration, return_index=True)[1]
     may = np.sort(first[poses.configuration[first] != poses.configuration[-1]])
-    if count > len(may):
+    if not 0 < count <= len(may):
         raise CalibError(
             f"{count} poses cannot be visited again: {len(may)} of {len(poses)} can, as the arm stands "
             "at the last one; ask for fewer, or for more poses"
         )
-    q = poses.q[may]
-    H = problem.regressor.sensitivities(q, visible(scene_of(problem.cell, q)))
-    size = np.linalg.svd(H, compute_uv=False)
-    shown = (size > _SEEN * size.max()).sum(axis=1)
-    low, high = problem.cell.robot.sample_limits().T
-    at = q / np.maximum(high - low, 1e-9)
+    low, high = cell.robot.sample_limits().T
+    at = poses.q[may] / np.maximum(high - low, 1e-9)
     apart = np.abs(at[:, None] - at).max(axis=-1)
-    chosen: list[int] = []
-    for _ in range(count):
-        free = np.setdiff1d(np.arange(len(may)), chosen)
-        free = free[shown[free] == shown[free].max()]
-        away = apart[np.ix_(free, chosen)].min(axis=1) if chosen else apart[free].mean(axis=1)
-        chosen.append(int(free[away.argmax()]))
-    chosen.sort()
-    return may[chosen], shown[chosen]
+    chosen = [int(apart.mean(axis=1).argmax())]
+    while len(chosen) < count:
+        chosen.append(int(apart[:, chosen].min(axis=1).argmax()))
+    return list(map(int, may[sorted(chosen)]))
 
 
 def over_the_day(cell: Cell, q: Array, chosen: list[int]) -> list[int]:

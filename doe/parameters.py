@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arm.statics import loads_of
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.effects import Effect, catalogue
@@ -19,7 +18,6 @@ from calib.errors import CalibError
 from calib.model import Model
 from calib.model.build import parse_effect
 from calib.model.covariance import Unidentifiable, identifiable
-from calib.poses import poses_at
 from doe.information import Regressor
 from doe.request import CannotIdentify, Request
 
@@ -89,7 +87,7 @@ def interest_of(model: Model, request: Request) -> Array | None:
     """Combinations of the parameters, in their units, that matter, shape (s, p); None for all.
 
     The one of ``c`` is the sum of ``NAME=FACTOR``, else each parameter stands by itself. Raises
-    CalibError where a name is unknown, or a factor cannot be read or is zero.
+    CalibError where a name is unknown, or a factor cannot be read.
     """
     if not request.of:
         return None
@@ -98,21 +96,20 @@ def interest_of(model: Model, request: Request) -> Array | None:
         return one[sorted({row for text in request.of for row in _known(model, text)})]
     direction = np.zeros((1, len(one)))
     for text in request.of:
-        name, equals, factor = text.partition("=")
-        rows = _known(model, name)
-        if len(rows) != 1:
-            raise CalibError(
-                f"of {name!r} names {len(rows)} parameters; a combination takes single ones"
-            )
-        try:
-            direction[0, rows] = float(factor) if equals else 1.0
-        except ValueError:
-            direction[0, rows] = 0.0
-        if not 1.0 / _LARGEST_FACTOR <= abs(direction[0, rows[0]]) <= _LARGEST_FACTOR:
-            raise CalibError(
-                f"of {text!r}: {factor!r} is no factor of plausible size; write NAME=FACTOR"
-            )
+        name, _, written = text.partition("=")
+        factor = _number(written or "1")
+        if not 1.0 / _LARGEST_FACTOR <= abs(factor) <= _LARGEST_FACTOR:
+            raise CalibError(f"of {text!r}: {written!r} is no plausible factor; write NAME=FACTOR")
+        direction[0, _known(model, name)] = factor
     return direction
+
+
+def _number(text: str) -> float:
+    """The number, NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
 
 
 def _matches(model: Model, text: str) -> list[int]:
@@ -181,7 +178,7 @@ def check_identifiable(regressor: Regressor, rows: Array, request: Request) -> N
     if all(name.startswith(tuple(f"{r}." for r in rivals)) for name in names):
         apart = f"no plan tells {' from '.join(rivals)}: {lost[0].reason} ({', '.join(names)})"
         raise CannotIdentify(names, f"{apart}; name others")
-    remedy = _help(regressor.cell, regressor.model, names)
+    remedy = _help(regressor, names)
     raise CannotIdentify(names, f"no plan determines {by_reason(lost)}; {remedy}")
 
 
@@ -207,14 +204,10 @@ def _undetermined(
     return identifiable(scaled, np.ones(p), ids).unidentifiable
 
 
-def _help(cell: Cell, model: Model, lost: Sequence[str]) -> str:
-    elastic = any("compliance" in name or "stiffness" in name for name in lost)
+def _help(regressor: Regressor, lost: Sequence[str]) -> str:
     out = "take it out of [model] effects"
-    if not elastic:
+    if not any("compliance" in name or "stiffness" in name for name in lost):
         return f"{out}, free more joints, or add markers"
-    loads = loads_of(
-        model.robot, poses_at(np.zeros((1, cell.robot.dof))), cell.payload, cell.gravity
-    )
-    if cell.load is None and loads.absent:
+    if regressor.cell.load is None:
         return f"{out}, or give a [load]"
     return f"{out}, or move the load off the joint's axis: [load] com_mm, a force across gravity"

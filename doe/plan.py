@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,11 +11,10 @@ from calib.poses import Poses, poses_at
 from calib.result import Result
 from doe.constraints import read_by, scene_of, visible
 from doe.levels import AngleLevels
-from doe.order import PlannedDay, Reapproaches
+from doe.order import Reapproaches
 from doe.problem import RIDGE, Problem
 
 _NOTHING = 1e3 * RIDGE  # eigenvalue of the information below which a direction is open
-_PAYS = 0.05  # squared error times poses, above its least, that is still as good
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +25,6 @@ class Assessment:
     determinant, trace : float, det(M)^(1/p) and the trace of the covariance, parameters in their units
     std : ndarray, shape (p,), SI, NaN where the plan leaves a parameter open
     task_rms, task_worst : float, m, over the target poses
-    observability : dict, indices O1 to O5 of rows scaled to plausible sizes
     points, hidden : int, points of the plan, and how many of them are out of sight
     """
 
@@ -37,21 +34,8 @@ class Assessment:
     std: Array
     task_rms: float
     task_worst: float
-    observability: dict[str, float]
     points: int
     hidden: int
-
-
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    """What the plan was chosen from.
-
-    drawn, feasible : int; removed_by : dict, constraint -> count, each where it fell first
-    """
-
-    drawn: int
-    feasible: int
-    removed_by: dict[str, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,25 +45,15 @@ class Certificate:
     value : float, criterion of the plan
     bound : float, no plan of the candidates and of the plan's own poses is better, with as many
         second visits or with other poses in their place
-    weighted : float, criterion of the best weighted plan, at which the bound was found
-    agreement_of_starts : float, median over the starts of the search of what they ended at, over the
-        best plan of candidates: near one, what is missing to the bound is likely the bound's slack
     """
 
     value: float
     bound: float
-    weighted: float
-    agreement_of_starts: float
 
     @property
     def efficiency(self) -> float:
         """At least this fraction of the best that any allowed plan could reach."""
         return min(1.0, self.value / self.bound)
-
-    @property
-    def solver_gap(self) -> float:
-        """Part of the missing efficiency that the relaxation's own gap accounts for."""
-        return max(0.0, self.bound / self.weighted - 1.0)
 
 
 @dataclass(frozen=True)
@@ -111,14 +85,14 @@ class Design(Result):
     problem : Problem
     poses : Poses, in the order of measuring, second visits included
     levels : AngleLevels, settled, or None
-    assessment : Assessment; certificate : Certificate; candidates : Candidates
+    assessment : Assessment; certificate : Certificate
     rivals : dict, name -> Rival
     curve : tuple of CurveStep, plans of fewer and more poses, empty unless asked for
     notes : tuple of str, what a reader should know
     granted : tuple of str, what the expected error takes for granted
     seconds : float, that it took
     reapproaches : Reapproaches or None
-    day : PlannedDay, the order of the poses and the time that it takes
+    duration : float, s, of the day in this order, NaN where not all speeds are known
     """
 
     problem: Problem
@@ -126,8 +100,7 @@ class Design(Result):
     levels: AngleLevels | None
     assessment: Assessment
     certificate: Certificate
-    candidates: Candidates
-    day: PlannedDay
+    duration: float
     rivals: dict[str, Rival] = field(default_factory=dict)
     curve: tuple[CurveStep, ...] = ()
     notes: tuple[str, ...] = ()
@@ -182,19 +155,6 @@ def named(q: Array) -> Poses:
     return poses_at(q, names=tuple(f"p{i + 1:0{width}d}" for i in range(len(q))))
 
 
-def stops_paying(counts: Sequence[int], errors: Sequence[float]) -> int | None:
-    """The count of poses or readings from which on more of them only average noise; None for none.
-
-    counts, errors : as many of each, expected RMS error in any unit
-    Then the squared error falls as one over their number: twice the poses for a third off the error.
-    With fewer, every further pose does more than that.
-    """
-    if not counts:
-        return None
-    work = np.array(counts) * np.array(errors) ** 2
-    return counts[int(np.flatnonzero(work <= (1.0 + _PAYS) * work.min())[0])]
-
-
 def assess(problem: Problem, q: Array) -> Assessment:
     """Judge the poses of a plan (m, dof) together with those that are measured in any case."""
     M = problem.fixed + problem.information(q).sum(axis=0)
@@ -202,7 +162,7 @@ def assess(problem: Problem, q: Array) -> Assessment:
     shown = problem.regressor.T / units[:, None]
     cov = shown @ np.linalg.solve(M, shown.T)
     lost = open_parameters(problem, M)
-    rows, weights = problem.at_targets.rows, problem.at_targets.weights
+    rows, weights = problem.target_rows, problem.target_weights
     squared = _squared_errors(rows, M)
     scene = scene_of(problem.cell, q)
     seen, asked = visible(scene), read_by(scene)
@@ -213,7 +173,6 @@ def assess(problem: Problem, q: Array) -> Assessment:
         std=np.where(lost, np.nan, np.sqrt(np.diag(cov)) * units),
         task_rms=_rms(weights, squared),
         task_worst=float(np.sqrt(squared[weights > 0.0].max())),
-        observability=observability(problem, M, len(q)),
         points=int(asked.sum()),
         hidden=int((asked & ~seen).sum()),
     )
@@ -243,18 +202,3 @@ def _squared_errors(rows: Array, M: Array) -> Array:
 def _rms(weights: Array, squared: Array) -> float:
     """Over the targets, m; inf where it is so at one, whatever it weighs."""
     return float(np.sqrt(squared @ weights)) if np.isfinite(squared).all() else np.inf
-
-
-def observability(problem: Problem, M: Array, poses: int) -> dict[str, float]:
-    """Observability indices of the rows behind M, shape (p, p), columns in plausible sizes.
-
-    O1 Borm and Menq 1991; O2 Driels and Pathre 1990; O3 Nahvi, Hollerbach and Hayward 1994; O4 Nahvi
-    and Hollerbach 1996; O5 Sun and Hollerbach 2008. O2 to O5 depend on the scaling, O1 by a factor.
-    """
-    sized = problem.regressor.T / problem.model.sizes[:, None]
-    half = np.linalg.solve(np.linalg.cholesky(M), sized.T)  # its squares would lose the smallest
-    s = 1.0 / np.linalg.svd(half, compute_uv=False)
-    least, most = float(s.min()), float(s.max())
-    mean = float(np.exp(np.log(s).mean()) / np.sqrt(poses))
-    indices = (mean, least / most, least, least**2 / most, float(1.0 / (1.0 / s).sum()))
-    return {f"O{k}": index for k, index in enumerate(indices, 1)}

@@ -17,32 +17,28 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.cell.planned import AskedLevels
+from calib.errors import CalibError
+from calib.files.tables import load_plan
 from calib.poses import Measurements, Poses
 from calib.threads import one_blas_thread
-from doe.candidates import Pool, movable, rounded
+from doe.candidates import movable, rounded
 from doe.constraints import scene_of
-from doe.levels import AngleLevels, with_even_knots
+from doe.levels import AngleLevels, levels_of, parse_levels, with_even_knots
 from doe.notes import granted_by, notes_of
+from doe.optimal.allowed import Allowed
+from doe.optimal.blocks import pack
 from doe.optimal.function import Selection
-from doe.optimal.relax import bounded, relax
-from doe.optimal.search import WholePlan, best_plan
+from doe.optimal.relax import GAP, bounded, relax
+from doe.optimal.search import WholePlan, best_plan, exchange
 from doe.order import Reapproaches, day_of, quickest_order, with_reapproaches
-from doe.plan import (
-    Candidates,
-    Certificate,
-    CurveStep,
-    Design,
-    Rival,
-    assess,
-    named,
-    open_parameters,
-)
+from doe.plan import Certificate, CurveStep, Design, Rival, assess, named, open_parameters
 from doe.problem import Problem, problem_of
-from doe.request import CANDIDATES, CannotIdentify, Request, request_of
+from doe.request import CANDIDATES, CannotIdentify, Request, asked_count, asked_criterion, measured
 
 _ROUNDING = 1e-6  # of a value
 _EPSILON = 1e-15  # the same for each unit of the condition number of what is inverted
-_TRIES, _ROUNDS = 32, 20  # neighbours of each pose in one round
+_ROUGH = 5e-3  # gap of weights that only guide a search: the bound is found anew after the polish
+_TRIES, _ROUNDS = 32, 16  # neighbours of each pose in one round
 _WIDEST, _NARROWEST = 0.12, 6e-4  # of the joint range, in the first round and in the last
 _STEPS = 8  # of a curve
 _LEVELS_FIRST = (
@@ -68,7 +64,7 @@ def design(
     """Choose poses that make a criterion best, with a certificate.
 
     poses : how many to choose; the cell's [design] or the levels say it otherwise
-    criterion : "task", "task-worst", "D", "Ds", "A", "c", "E", "G" or one of an installed package
+    criterion : "task", "D", "Ds", "A", "c", "E", "G" or one of an installed package
     levels : by joint, or in short "A2=5x3", "A2=-140,-57,-10x3"; those of the cell's [design] otherwise
     candidates : number of Sobol candidates, whose angles are polished after the choice, or a table of
         candidates in the format of a plan, which are left as they are
@@ -84,39 +80,51 @@ def design(
 
     Raises CalibError where no such plan can be: the text says why and what would help.
     """
-    asked = request_of(
-        cell, poses=poses, criterion=criterion, levels=levels, candidates=candidates,
-        extend=extend, discriminate=discriminate, of=of, curve=curve, seed=seed,
-    )  # fmt: skip
-    return planned(cell, asked, against or {})
+    source = load_plan(cell, candidates) if isinstance(candidates, str | Path) else candidates
+    if isinstance(source, int) and source < 1:
+        raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
+    at = levels_of(cell, parse_levels(cell, levels) if isinstance(levels, str) else levels, poses)
+    request = Request(
+        poses=asked_count(cell, poses, at),
+        criterion=asked_criterion(criterion, discriminate, tuple(of)),
+        levels=at,
+        of=tuple(of),
+        rivals=discriminate,
+        fixed=None if extend is None else measured(cell, extend),
+        candidates=source,
+        seed=seed,
+    )
+    return planned(cell, request, against or {}, curve=curve)
 
 
 @one_blas_thread
-def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Design:
+def planned(
+    cell: Cell, request: Request, against: Mapping[str, Poses], *, curve: bool = False
+) -> Design:
     """The plan of a request."""
     begun, levels, early = time.perf_counter(), request.levels, tuple[str, ...]()
     if levels is not None and (even := with_even_knots(cell, levels)) is not None:
         request, early = _settled(even, request, levels), (_LEVELS_FIRST,)
     problem = problem_of(cell, request)
-    offered = pool = problem.candidates()
-    chosen = choose(problem, pool)
-    if request.polish and isinstance(request.candidates, int):
-        pool, chosen = _polished(problem, pool, chosen)
-    poses, again, second = _visited(problem, pool.q[chosen.plan])
-    certificate = _certified(problem, pool, chosen, second)
+    offered, drawn = problem.posed(), isinstance(request.candidates, int)
+    chosen = choose(problem, offered, gap=_ROUGH if drawn else GAP)
+    posed, q = offered, problem.pool.q[chosen.plan]
+    if drawn:
+        posed, chosen, q = _polished(problem, offered, chosen, q)
+    poses, again, second = _visited(problem, q)
+    certificate = _certified(problem, posed, chosen, second)
     if levels is not None:
-        levels = levels.only(np.unique(poses.q[:, levels.joint]))
+        levels = levels.only(np.unique(q[:, levels.joint]))
     result = Design(
         problem=problem,
         poses=poses,
         levels=levels,
         assessment=assess(problem, poses.q),
         certificate=certificate,
-        candidates=Candidates(offered.drawn, len(offered), offered.removed),
         rivals={n: _judged(problem, plan.q, certificate.bound) for n, plan in against.items()},
-        curve=_accuracy_curve(problem, offered) if request.curve else (),
+        curve=_accuracy_curve(problem, offered) if curve else (),
         reapproaches=again,
-        day=day_of(cell, poses),
+        duration=day_of(cell, poses),
     )
     notes, seconds = (*early, *notes_of(result)), time.perf_counter() - begun
     return replace(result, notes=notes, granted=granted_by(result), seconds=seconds)
@@ -125,16 +133,15 @@ def planned(cell: Cell, request: Request, against: Mapping[str, Poses]) -> Desig
 def _settled(cell: Cell, request: Request, levels: AngleLevels) -> Request:
     """The request at levels that are best for a cell with even knots: its own will follow them."""
     problem = problem_of(cell, request)
-    pool = problem.candidates()
-    best = choose(problem, pool, thorough=False)
-    return replace(request, levels=levels.only(np.unique(pool.q[best.plan, levels.joint])))
+    best = choose(problem, problem.posed(), thorough=False, gap=_ROUGH)
+    return replace(request, levels=levels.only(np.unique(problem.pool.q[best.plan, levels.joint])))
 
 
 def _visited(problem: Problem, q: Array) -> tuple[Poses, Reapproaches | None, Array]:
     """The poses in the order of a day, which of them are read again, and these (k, dof)."""
     poses, again = named(q[quickest_order(problem.cell, q)]), None
-    if problem.request.reapproaches:
-        poses, again = with_reapproaches(problem, poses, problem.request.reapproaches)
+    if count := problem.cell.design.reapproaches:
+        poses, again = with_reapproaches(problem, poses, count)
     second = np.array([again is not None and name in again.again for name in poses.names])
     return replace(poses, order=np.arange(float(len(poses)))), again, poses.q[second]
 
@@ -146,10 +153,12 @@ def _judged(problem: Problem, q: Array, bound: float) -> Rival:
     return Rival(len(q), assess(problem, q), efficiency)
 
 
-def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
-    """Best weights over the pool and the best whole plan of it. Raises CannotIdentify."""
-    posed, request = problem.posed(pool), problem.request
-    best = best_plan(posed, relax(posed), seed=request.seed, thorough=thorough)
+def choose(
+    problem: Problem, posed: Selection, *, thorough: bool = True, gap: float = GAP
+) -> WholePlan:
+    """Best weights, to a gap, and the best whole plan. Raises CannotIdentify."""
+    request = problem.request
+    best = best_plan(posed, relax(posed, gap=gap), seed=request.seed, thorough=thorough)
     lost = open_parameters(problem, posed.blocks.total(best.plan))
     if problem.criterion.whole and not request.of and lost.any():
         ids = [p.id for p, gone in zip(problem.model.parameters, lost, strict=True) if gone]
@@ -160,67 +169,52 @@ def choose(problem: Problem, pool: Pool, *, thorough: bool = True) -> WholePlan:
             f"{', '.join(ids[:4])}{' ..' * (len(ids) > 4)}; ask for {more}, or take effects out of "
             "[model] effects",
         )
-    return _reported(problem, posed, best)
+    return best
 
 
-def _reported(problem: Problem, posed: Selection, best: WholePlan) -> WholePlan:
-    """A plan with value and bound of the criterion that people read.
-
-    The search goes by one with a little more in it, and a bound of the one is none of the other: at a
-    single target it was broken by 0.05 %. The plain gradient bounds the plain criterion at any matrix.
-    """
-    plain, relaxed = replace(posed, criterion=problem.criterion.plain), best.relaxed
-    if plain.criterion is not posed.criterion:
-        relaxed = bounded(plain, relaxed)
-    return replace(best, value=plain.value(best.plan), relaxed=relaxed)
-
-
-def _certified(problem: Problem, pool: Pool, found: WholePlan, again: Array) -> Certificate:
-    """What is proved of a plan of candidates whose poses ``again`` (m, dof) are visited twice."""
-    posed = replace(problem.posed(pool), criterion=problem.criterion.plain)
-    blocks, relaxed, count = posed.blocks, found.relaxed, len(again)
-    scores = blocks.scores(relaxed.G)
+def _certified(problem: Problem, posed: Selection, found: WholePlan, again: Array) -> Certificate:
+    """What is proved of a plan whose poses ``again`` (m, dof) are visited twice."""
+    plain, blocks, relaxed = problem.criterion.plain, posed.blocks, found.relaxed
+    # The search goes by a criterion with a little more in it. A bound of the one is none of the other:
+    # at a single target it was broken by 0.05 %.
+    if plain is not posed.criterion:
+        relaxed = bounded(replace(posed, criterion=plain), relaxed)
+    scores, count = blocks.scores(relaxed.G), len(again)
     best = np.full(count, scores.argmax()) if posed.allowed.repeats else np.argsort(-scores)[:count]
     M = blocks.total(found.plan)
     # A plan that leaves some parameters open is known to few digits: its bound, of no inverse, to more.
     rounding = max(_ROUNDING, _EPSILON * float(np.linalg.cond(M)))
     bound = relaxed.bound + float(scores[best].sum())
-    value = float(posed.criterion.value(M + problem.information(again).sum(axis=0)))
+    value = float(plain.value(M + problem.information(again).sum(axis=0)))
     if not posed.allowed.admits(found.plan) or value > bound * (1.0 + rounding):
         raise AssertionError("a plan against its rules, or above its bound: this is a defect")
-    weighted = float(posed.criterion.value(relaxed.M + blocks.matrices(best).sum(axis=0)))
-    return Certificate(min(value, bound), bound, weighted, found.agreement)
+    return Certificate(min(value, bound), bound)
 
 
-def _polished(problem: Problem, pool: Pool, chosen: WholePlan) -> tuple[Pool, WholePlan]:
-    """The plan with its joint angles moved; its poses join the candidates, so the bound knows them."""
-    M = problem.posed(pool).blocks.total(chosen.plan)
-    q = _polish(problem, pool.q[chosen.plan], M)
-    plan = np.arange(len(pool), len(pool) + len(q))
-    pool = pool.plus(problem.regressor, problem.request.levels, q)
-    posed = problem.posed(pool)
+def _polished(
+    problem: Problem, posed: Selection, chosen: WholePlan, q: Array
+) -> tuple[Selection, WholePlan, Array]:
+    """The plan with its joint angles q (N, dof) moved, and these: candidates that the bound knows."""
+    q, group, plan = _polish(problem, q), posed.allowed.group, len(posed) + np.arange(len(q))
+    packed = np.concatenate([posed.blocks.packed, pack(problem.information(q))])
+    allowed = replace(posed.allowed, group=np.concatenate([group, group[chosen.plan]]))
+    posed = replace(posed, blocks=replace(posed.blocks, packed=packed), allowed=allowed)
     relaxed = relax(posed, start=np.concatenate([chosen.relaxed.support, plan]))
-    return pool, _reported(problem, posed, replace(chosen, plan=plan, relaxed=relaxed))
+    return posed, replace(chosen, plan=plan, relaxed=relaxed), q
 
 
-def _polish(problem: Problem, q: Array, M: Array) -> Array:
-    """Move the poses (N, dof) of a plan of information M inside the constraints, levels kept.
+def _polish(problem: Problem, q: Array) -> Array:
+    """The poses (N, dof) of a plan exchanged for neighbours inside the constraints, levels kept.
 
     The criterion is never lower than before.
     """
-    rng, blocks = np.random.default_rng(problem.request.seed), problem.information(q)
-    value = float(problem.criterion.value(M))
+    rng, own = np.random.default_rng(problem.request.seed), np.arange(len(q))
     for width in np.geomspace(_WIDEST, _NARROWEST, _ROUNDS):
         tries, owner = _neighbours(problem, q, width, rng)
-        tried, q = problem.information(tries), q.copy()
-        for slot in range(len(q)):
-            near = np.flatnonzero(owner == slot)
-            rest = M - blocks[slot]
-            values = problem.criterion.value(rest + tried[near])
-            if len(near) and values.max() > value:
-                best = near[values.argmax()]
-                value, q[slot], blocks[slot] = float(values.max()), tries[best], tried[best]
-                M = rest + blocks[slot]
+        q = np.concatenate([q, tries])
+        rules = Allowed(np.append(own, owner), own.astype(float), np.ones(len(own), int), len(own))
+        plan, _ = exchange(Selection(problem.criterion, problem.blocks(q), rules), own)
+        q = q[plan]
     return q
 
 
@@ -251,14 +245,15 @@ def _neighbours(
     return tries, owner
 
 
-def _accuracy_curve(problem: Problem, pool: Pool) -> tuple[CurveStep, ...]:
+def _accuracy_curve(problem: Problem, posed: Selection) -> tuple[CurveStep, ...]:
     """Plans of the same candidates with fewer and with more poses, up to twice as many."""
     steps = []
     for request in _sizes(problem):
         with suppress(CannotIdentify):
             sized = replace(problem, request=request)
-            best = choose(sized, pool, thorough=False)
-            judged = assess(sized, pool.q[best.plan])
+            rules = sized.rules(problem.pool.level)
+            best = choose(sized, replace(posed, allowed=rules), thorough=False)
+            judged = assess(sized, problem.pool.q[best.plan])
             proved = min(1.0, best.value / best.relaxed.bound)
             steps.append(CurveStep(request.poses, judged.value, judged.task_rms, proved))
     return tuple(steps)

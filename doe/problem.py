@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,13 +17,13 @@ from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
 from calib.model.covariance import Unidentifiable
 from calib.poses import Poses, poses_at
-from doe.candidates import Pool, candidates_of, rounded
+from doe.candidates import CHUNK, WORKERS, Pool, candidates_of, rounded
 from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.criteria import Criterion, Question, catalogue
-from doe.information import Regressor, TargetErrors, nominal
+from doe.information import Regressor, nominal, target_rows
 from doe.levels import at_level
 from doe.optimal.allowed import Allowed
-from doe.optimal.blocks import Blocks
+from doe.optimal.blocks import Blocks, pack, packed_size
 from doe.optimal.function import Selection
 from doe.parameters import (
     check_identifiable,
@@ -36,6 +37,7 @@ from doe.request import CannotIdentify, Request, refuse_touching, refuse_unplace
 
 RIDGE = 1e-10
 """Information that every plan has, in units of the pool's mean: singular plans get a tiny value."""
+_LARGEST = 8e9  # bytes of information blocks
 _PROBE = 2000  # candidates by which a cell is known
 _REGION = 200
 
@@ -47,9 +49,10 @@ class Problem:
     cell : Cell; with the rivals in its model where there are some
     request : Request
     regressor : Regressor, in coordinates in which the mean information of candidates is the identity
-    constraints : tuple of Constraint; feasible : Pool, candidates that keep them
+    constraints : tuple of Constraint; pool : Pool, candidates that keep them and may be chosen
     criterion : Criterion
-    targets : Poses; at_targets : TargetErrors, there, in the coordinates of the criteria
+    targets : Poses; target_rows : ndarray, shape (K, r, p), of errors there, m, in the coordinates of
+        the criteria; target_weights : ndarray, shape (K,), summing to one
     left_out : tuple of Unidentifiable, elastic parameters that the arm's own weight does not show
     unplanned : tuple of str, effects of the user's model that depend on more than the joints
     """
@@ -58,10 +61,11 @@ class Problem:
     request: Request
     regressor: Regressor
     constraints: tuple[Constraint, ...]
-    feasible: Pool
+    pool: Pool
     criterion: Criterion
     targets: Poses
-    at_targets: TargetErrors
+    target_rows: Array
+    target_weights: Array
     left_out: tuple[Unidentifiable, ...] = ()
     unplanned: tuple[str, ...] = ()
 
@@ -86,34 +90,33 @@ class Problem:
             return np.zeros((0, len(self.regressor.T), len(self.regressor.T)))
         return self.regressor.information(q, visible(scene_of(self.cell, q)))
 
-    def posed(self, pool: Pool) -> Selection:
-        """The choice of a plan from a pool."""
-        blocks = Blocks(pool.packed, self.fixed, self.regressor.rank)
-        return Selection(self.criterion, blocks, self.rules(pool.level))
+    def blocks(self, q: Array) -> Blocks:
+        """Configurations (m, dof) by what they tell."""
+        return Blocks(pack(self.information(q)), self.fixed, self.regressor.rank)
+
+    def posed(self) -> Selection:
+        """The choice of a plan from the pool. Raises CalibError where it would not fit into memory."""
+        q, size = self.pool.q, packed_size(len(self.regressor.T))
+        if 8.0 * len(q) * size > _LARGEST:
+            raise CalibError(
+                f"{len(q)} candidates for {len(self.regressor.T)} parameters need "
+                f"{8e-9 * len(q) * size:.0f} GB; ask for at most {int(_LARGEST / 8.0 / size)}"
+            )
+        packed = np.empty((len(q), size))
+
+        def fill(start: int) -> None:
+            part = slice(start, start + CHUNK)
+            seen = None if self.pool.seen[part].all() else self.pool.seen[part]
+            packed[part] = pack(self.regressor.information(q[part], seen))
+
+        with ThreadPoolExecutor(WORKERS) as executor:
+            list(executor.map(fill, range(0, len(q), CHUNK)))
+        blocks = Blocks(packed, self.fixed, self.regressor.rank)
+        return Selection(self.criterion, blocks, self.rules(self.pool.level))
 
     def rules(self, level: IntArray) -> Allowed:
         """Which sets of candidates make a plan, for candidates at these levels."""
-        levels, repeats = self.request.levels, self.request.repeats
-        if levels is None:
-            return Allowed.any_of(len(level), self.request.poses, repeats)
-        counts = np.full(len(levels.values), levels.per_level)
-        return Allowed(level, levels.values, counts, levels.used, levels.separation, repeats)
-
-    def candidates(self) -> Pool:
-        """The feasible candidates with their information. Raises CalibError where they are too few."""
-        pool = self.feasible
-        if self.request.fixed is not None and not self.request.repeats:
-            pool = pool.without(self.request.fixed.q)
-        rules = self.rules(pool.level)
-        if rules.chooses_levels and not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
-            raise pool.too_few(f" for each of {rules.used} levels far enough apart")
-        counts = rules.counts * (0 if rules.chooses_levels else 1)
-        for level, (members, count) in enumerate(zip(rules.members, counts, strict=True)):
-            needed = 1 if rules.repeats and count else int(count)
-            if len(members) < needed:
-                where = at_level(self.cell, self.request.levels, level)
-                raise pool.too_few(where, len(members), needed)
-        return pool.informed(self.regressor)
+        return _rules(self.cell, self.request, level)
 
 
 def problem_of(cell: Cell, request: Request) -> Problem:
@@ -129,36 +132,47 @@ def problem_of(cell: Cell, request: Request) -> Problem:
         cell = with_rivals(cell, request.rivals)
     constraints = constraints_of(cell)
     pool = candidates_of(cell, constraints, request.levels, request.candidates, request.seed)
-    _check_levels(cell, request, pool)
+    if request.fixed is not None and not cell.design.repeats:
+        pool = pool.without(request.fixed.q)
+    _check_count(cell, request, pool)
     probe = pool.take(np.random.default_rng(0).permutation(len(pool))[:_PROBE])
     regressor, left_out = _regressor(cell, request, probe)
-    targets, at = _targets(regressor, request)
+    targets, rows, weights = _targets(regressor, request)
     question = Question(
         regressor.model,
         regressor.T,
         interest_of(regressor.model, request),
-        at.rows,
-        at.weights,
+        rows,
+        weights,
         regressor.information(probe.q[:_REGION], probe.seen[:_REGION]),
         rival_rows(regressor.model, request.rivals),
     )
     criterion = catalogue()[request.criterion].of(question)
     return Problem(
-        cell, request, regressor, constraints, pool, criterion, targets, at, left_out, unplanned
-    )
+        cell, request, regressor, constraints, pool, criterion, targets, rows, weights, left_out,
+        unplanned,
+    )  # fmt: skip
 
 
-def _check_levels(cell: Cell, request: Request, pool: Pool) -> None:
-    """Refuse a level that is given and has no candidate."""
-    levels = request.levels
-    given = levels is not None and levels.chosen
-    count = len(levels.values) if levels is not None else 1
-    missing = np.setdiff1d(np.arange(count), pool.level)
-    if len(missing) == count or (given and len(missing)):
-        where = at_level(cell, levels, int(missing[0])) if given and count > 1 else ""
-        if isinstance(request.candidates, Poses) and given:
-            raise CalibError(f"the table of candidates has no row{where} to measure; add some")
-        raise pool.too_few(where)
+def _rules(cell: Cell, request: Request, level: IntArray) -> Allowed:
+    levels, repeats = request.levels, cell.design.repeats
+    if levels is None:
+        return Allowed.any_of(len(level), request.poses, repeats)
+    counts = np.full(len(levels.values), levels.per_level)
+    return Allowed(level, levels.values, counts, levels.used, levels.separation, repeats)
+
+
+def _check_count(cell: Cell, request: Request, pool: Pool) -> None:
+    """Refuse candidates that are too few for a plan."""
+    rules = _rules(cell, request, pool.level)
+    if rules.chooses_levels:
+        if not np.isfinite(rules.best(np.zeros(len(pool)))[0]):
+            raise pool.too_few(f" for each of {rules.used} levels far enough apart")
+        return
+    for level, (members, count) in enumerate(zip(rules.members, rules.counts, strict=True)):
+        needed = 1 if rules.repeats else int(count)
+        if len(members) < needed:
+            raise pool.too_few(at_level(cell, request.levels, level), len(members), needed)
 
 
 def _regressor(
@@ -187,14 +201,13 @@ def _regressor(
     return regressor.whitened((np.swapaxes(rows, -1, -2) @ rows).mean(axis=0) + known), left_out
 
 
-def _targets(regressor: Regressor, request: Request) -> tuple[Poses, TargetErrors]:
-    """Where accuracy is wanted, and the errors there."""
+def _targets(regressor: Regressor, request: Request) -> tuple[Poses, Array, Array]:
+    """Where accuracy is wanted, the rows of errors there, and the weights of them, summing to one."""
     cell = regressor.cell
     targets, weights = targets_of(cell)
     try:
         check_targets(cell, targets)
     except CalibError as error:
         raise InputError((*cell.named_files, cell.path)[0], "", str(error)) from None
-    model, values = regressor.model, regressor.values
-    at = TargetErrors.of(model, values, targets, weights, request.at_markers)
-    return targets, at.per(regressor.T)
+    rows = target_rows(regressor.model, regressor.values, targets, request.at_markers)
+    return targets, rows @ regressor.T, weights / weights.sum()

@@ -1,18 +1,16 @@
-"""What is asked of a plan: the arguments of :func:`doe.design`, with those of the cell's [design]."""
+"""What is asked of a plan: the arguments of :func:`doe.design`, held against those of the cell."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from calib.cell import Cell
-from calib.cell.planned import AskedLevels
 from calib.errors import CalibError, InputError
 from calib.files.tables import holds_points, load_measurements, load_plan
 from calib.poses import Measurements, Poses
 from doe.criteria import UNASKED, catalogue
-from doe.levels import AngleLevels, levels_of, parse_levels
+from doe.levels import AngleLevels
 
 CANDIDATES = 20_000
 """Candidates that are drawn unless the user says otherwise."""
@@ -34,10 +32,9 @@ class Request:
     criterion : str, a key of ``doe.criteria.catalogue()``
     of : effects or parameters that matter; rivals : two effects to tell apart, or None
     fixed : Poses measured in any case, or None
-    reapproaches : how many of the poses are visited again
+    candidates : how many are drawn, their angles moved a little after the choice, or those of a table
     at_markers : whether errors at the targets count at the markers, else at the tip's origin; None:
         where the markers are unknowns of the model
-    polish : whether the angles of drawn candidates are moved a little after the choice
     """
 
     poses: int
@@ -46,12 +43,8 @@ class Request:
     of: tuple[str, ...] = ()
     rivals: tuple[str, str] | None = None
     fixed: Poses | None = None
-    repeats: bool = False
     candidates: int | Poses = CANDIDATES
-    reapproaches: int = 0
     at_markers: bool | None = None
-    polish: bool = True
-    curve: bool = False
     seed: int = 0
 
     @property
@@ -60,44 +53,9 @@ class Request:
         return 0 if self.fixed is None else len(self.fixed)
 
 
-def request_of(
-    cell: Cell,
-    *,
-    poses: int | None = None,
-    criterion: str = "task",
-    levels: Mapping[str, AskedLevels] | str | None = None,
-    candidates: int | str | Path | Poses = CANDIDATES,
-    extend: str | Path | Poses | Measurements | None = None,
-    discriminate: tuple[str, str] | None = None,
-    of: Iterable[str] = (),
-    curve: bool = False,
-    seed: int = 0,
-) -> Request:
-    """The arguments of :func:`doe.design` beside what the cell says. Raises CalibError, InputError."""
-    source = load_plan(cell, candidates) if isinstance(candidates, str | Path) else candidates
-    if isinstance(source, int) and source < 1:
-        raise CalibError(f"{source} candidates are too few; ask for a thousand or more")
-    again = cell.design.reapproaches or 0
-    if again < 0:
-        raise CalibError(f"{again} poses cannot be visited again; ask for 1 or more, or 0")
-    at = levels_of(cell, parse_levels(cell, levels) if isinstance(levels, str) else levels, poses)
-    return Request(
-        poses=_count(cell, poses, None if at is None else at.poses),
-        criterion=_criterion(criterion, discriminate, tuple(of)),
-        levels=at,
-        of=tuple(of),
-        rivals=discriminate,
-        fixed=None if extend is None else _measured(cell, extend),
-        repeats=cell.design.repeats,
-        candidates=source,
-        reapproaches=again,
-        curve=curve,
-        seed=seed,
-    )
-
-
-def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
-    by_cell = cell.design.poses
+def asked_count(cell: Cell, poses: int | None, levels: AngleLevels | None) -> int:
+    """Number of poses to choose: as asked for, else by the levels, else by the cell."""
+    by_levels, by_cell = None if levels is None else levels.poses, cell.design.poses
     count = poses or by_levels or by_cell
     if not count:
         raise CalibError("how many poses? ask for a number, or give poses in the cell's [design]")
@@ -110,7 +68,8 @@ def _count(cell: Cell, poses: int | None, by_levels: int | None) -> int:
     return int(count)
 
 
-def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, ...]) -> str:
+def asked_criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, ...]) -> str:
+    """Key of the criterion in the catalogue."""
     if of and (discriminate is not None or name not in ("Ds", "A", "E", "c")):
         said = "two rivals" if discriminate is not None else f"criterion {name}"
         raise CalibError(f"parameters of interest say nothing to {said}, but to Ds, A, E and c")
@@ -122,7 +81,7 @@ def _criterion(name: str, discriminate: tuple[str, str] | None, of: tuple[str, .
     return name
 
 
-def _measured(cell: Cell, given: str | Path | Poses | Measurements) -> Poses:
+def measured(cell: Cell, given: str | Path | Poses | Measurements) -> Poses:
     """What is measured in any case, as poses of a plan: each is read free and, with a load, loaded."""
     if isinstance(given, str | Path):
         given = (load_measurements if holds_points(given) else load_plan)(cell, given)

@@ -21,7 +21,6 @@ from calib.keys import (
     Direction,
     Flag,
     Mass,
-    Metres,
     Name,
     NotNegative,
     NotNegativeMetres,
@@ -199,10 +198,8 @@ class Planned:
     """number of repeat visits (posecal explain design)"""
     obstacles: Annotated[tuple[Body, ...], Written(list[_Obstacle], tuple), key("obstacle")] = ()
     """bodies that the arm must not touch (posecal explain constraints)"""
-    floor: Annotated[Metres | None, key("floor_mm")] = None
-    """height of the floor or table in the base's frame (posecal explain constraints)"""
     margin: Annotated[NotNegativeMetres, key("margin_mm")] = 0.0
-    """distance that the arm keeps of floor and obstacles, at the poses and between them"""
+    """distance that the arm keeps of obstacles, at the poses and between them"""
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ import numpy as np
 from calib.arrays import Array, TextArray
 from calib.cell import Cell
 from doe.constraints.limits import hanging_load, joint_limits, joint_torque
-from doe.constraints.obstacles import Floor, floor_of, obstacles_of
+from doe.constraints.obstacles import obstacles_of
 from doe.constraints.scene import Clearance, Constraint, Scene, scene_of
 from doe.constraints.self_collision import clear_of_itself
 from doe.constraints.sight import read_by, visible
 
 __all__ = [
-    "Constraint", "Floor", "Scene", "broken_at", "constraints_of", "read_by", "scene_of", "visible",
+    "Constraint", "Scene", "broken_at", "constraints_of", "read_by", "scene_of", "visible",
 ]  # fmt: skip
 
 
@@ -21,7 +21,6 @@ def constraints_of(cell: Cell) -> tuple[Constraint, ...]:
     """Constraints that can act in a cell, the cheap ones first."""
     every = (
         joint_limits(cell),
-        floor_of(cell),
         *obstacles_of(cell, of_the_arm=True),
         clear_of_itself(cell),
         hanging_load(cell),

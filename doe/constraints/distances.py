@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array
 
 _PARALLEL = 1e-16  # sin^2 of an angle that rounding cannot tell from zero
-_ACROSS = 1e-12  # m; a segment that runs less than this along an axis of a box stays level with it
+_HALVINGS = 50  # of a segment: to its rounding
 
 
 def point_segment(point: Array, start: Array, end: Array) -> Array:
@@ -48,23 +48,14 @@ def segment_box(start: Array, end: Array, half: Array) -> Array:
 
     start, end : ndarray, shape (..., 3), m; half : ndarray, shape (3,), m
 
-    The squared distance of the point at t is convex in t, and its derivative is linear between the
-    places where the segment crosses the planes of the faces.
+    The squared distance of the point at t is convex in t: bisection finds where its slope turns.
     """
     along = end - start
-    step = np.where(np.abs(along) < _ACROSS, 1.0, along)
-    ends = np.broadcast_to(np.array([0.0, 1.0]), (*step.shape[:-1], 2))
-    t = np.concatenate([(-half - start) / step, (half - start) / step, ends], axis=-1)
-    t = np.sort(np.clip(t, 0.0, 1.0), axis=-1)
-    point = start[..., None, :] + t[..., None] * along[..., None, :]
-    slope = _dot(along[..., None, :], _beyond(point, half))
-    falling = np.sum(slope < 0.0, axis=-1)[..., None]
-    before, after = np.maximum(falling - 1, 0), np.minimum(falling, t.shape[-1] - 1)
-    (t_0, slope_0), (t_1, slope_1) = (
-        (np.take_along_axis(t, i, -1), np.take_along_axis(slope, i, -1)) for i in (before, after)
-    )
-    root = t_0 + (t_1 - t_0) * np.clip(_ratio(-slope_0, slope_1 - slope_0), 0.0, 1.0)
-    return point_box(start + root * along, half)
+    t = np.full(along.shape[:-1], 0.5)
+    for k in range(2, _HALVINGS):
+        point = start + t[..., None] * along
+        t = t - np.sign(_dot(along, _beyond(point, half))) * 0.5**k
+    return point_box(start + np.clip(t, 0.0, 1.0)[..., None] * along, half)
 
 
 def segment_halfspace(start: Array, end: Array, point: Array, normal: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.cell.contacts import contacts_of, touched
+from calib.cell.planned import HalfSpace
 from calib.instruments import Camera, Instrument
 from calib.instruments.board import Board
 from calib.instruments.riding import frame_of, taken
@@ -110,10 +111,11 @@ def _free(scene: Scene, beam: _Beam) -> Mask:
         may_hold = not beam.printed or capsule.body in holders
         free &= ~_behind(scene, capsule, beam, free, may_hold)
     for obstacle in obstacles_of(scene.cell):
-        within = obstacle.ball is None or not obstacle.distance(beam.eye, beam.eye).any()
-        if obstacle.ball is not None and not within:
-            near = point_segment(obstacle.ball[0], beam.eye, marker) <= obstacle.ball[1]
-            at = np.flatnonzero(free & near)
+        holds = (
+            isinstance(obstacle.body, HalfSpace) or not obstacle.distance(beam.eye, beam.eye).all()
+        )
+        if not holds:
+            at = np.flatnonzero(free)
             free[at] = obstacle.distance(beam.eye[at], marker[at]) > _SKIN
     return free
 

@@ -11,12 +11,11 @@ from functools import lru_cache
 from calib.plugins import with_announced
 from doe.criteria.determinant import Determinant, Subset
 from doe.criteria.protocol import Criterion, Question
-from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstRegion, WorstTask
+from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstRegion
 from doe.criteria.trace import Average, Combination, Task
 
 CRITERIA: dict[str, type[Criterion]] = {
     "task": Task,
-    "task-worst": WorstTask,
     "D": Determinant,
     "Ds": Subset,
     "A": Average,

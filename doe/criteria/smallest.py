@@ -1,4 +1,4 @@
-"""The worst of several: combinations (E), target poses, poses within reach (G), rivals."""
+"""The worst of several: combinations (E), poses within reach (G), rivals."""
 
 from __future__ import annotations
 
@@ -95,13 +95,20 @@ class Smallest(Criterion):
 
 
 @dataclass(frozen=True, eq=False)
-class WorstVariance(Smallest):
-    """The largest of several variances: ``Phi_k = 1 / tr(F_k^T M^-1 F_k)``.
+class WorstRegion(Smallest):
+    """G: largest variance of a predicted reading, summed over its markers, in noise variances.
 
-    F : ndarray, shape (K, p, r)
+    ``Phi_k = 1 / tr(F_k^T M^-1 F_k)``; F : ndarray, shape (K, p, r)
     """
 
     F: Array
+    name: ClassVar[str] = "G"
+    unit: ClassVar[str] = "largest variance of a predicted pose, in noise variances"
+
+    @classmethod
+    def of(cls, question: Question) -> Self:
+        values, vectors = np.linalg.eigh(question.region)
+        return cls(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
     @cached_property
     def _packed(self) -> Array:
@@ -134,35 +141,6 @@ class WorstVariance(Smallest):
             return self.member_gradient(M.value, weights / weights.sum())
 
         return Conic(-largest, below, witness)
-
-
-@dataclass(frozen=True, eq=False)
-class WorstTask(WorstVariance):
-    """Expected squared position error at the worst target pose, shown as its root in mm."""
-
-    name: ClassVar[str] = "task-worst"
-    unit: ClassVar[str] = "mm RMS at the worst target"
-
-    @classmethod
-    def of(cls, question: Question) -> Self:
-        rows = question.targets[question.target_weights > 0.0]
-        return cls(np.swapaxes(rows, -1, -2))
-
-    def shown(self, value: float) -> float:
-        return 1e3 / float(np.sqrt(value))
-
-
-@dataclass(frozen=True, eq=False)
-class WorstRegion(WorstVariance):
-    """G: largest variance of a predicted reading, summed over its markers, in noise variances."""
-
-    name: ClassVar[str] = "G"
-    unit: ClassVar[str] = "largest variance of a predicted pose, in noise variances"
-
-    @classmethod
-    def of(cls, question: Question) -> Self:
-        values, vectors = np.linalg.eigh(question.region)
-        return cls(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 @dataclass(frozen=True, eq=False)

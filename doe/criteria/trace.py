@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, stacked
 from calib.errors import CalibError
 from doe.criteria.protocol import Conic, Criterion, Question, solved
-from doe.optimal.blocks import trace_decrease
+from doe.optimal.blocks import pack, trace_decrease
 
 _UNNEEDED = 1e-7  # share of the mean that every direction counts, needed at the targets or not
 
@@ -46,13 +46,14 @@ class Trace(Criterion):
         F = self.F / np.linalg.norm(self.F)
         return Conic(-cp.matrix_frac(F, M))
 
-    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
-        scale, (q, p, _) = 1.0 / self.variance(M), columns.shape
+    def curvature(self, M: Array, columns: Array) -> tuple[Array, Array]:
+        # Of the variance, one at M, in the axes in which both M and its price are diagonal.
         L_inverse = np.linalg.inv(np.linalg.cholesky(M))
-        half = L_inverse @ self.F  # the cost is |half|^2, scaled to one here
-        moved = (columns.reshape(q * p, p) @ (L_inverse.T @ half)).reshape(q, p, -1)
-        rows = (L_inverse @ moved).reshape(q, -1)
-        return 1.0, -scale * rows @ half.ravel(), np.sqrt(2.0 * scale) * rows
+        half = L_inverse @ self.F
+        price, axes = np.linalg.eigh(half @ half.T / self.variance(M))
+        turn = axes.T @ L_inverse
+        P, price = turn @ columns @ turn.T, np.maximum(price, 0.0)
+        return -np.einsum("qkk,k->q", P, price), pack(P * np.sqrt(price[:, None] + price))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from calib.prediction.estimate import Estimate, ExpectedError, estimate_of, fitt
 from calib.scatter import Owner
 from calib.solver import triangle
 from doe.criteria.trace import Task
-from doe.information import Linearisation, TargetErrors
+from doe.information import Linearisation, target_rows
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.function import Selection
@@ -141,13 +141,14 @@ class ForecastStep:
 class TaskError:
     """The error that is expected at the cell's targets, as ``calib.identify`` will state it.
 
-    targets : TargetErrors, per plausible size
+    rows : ndarray, shape (K, r, p), m per plausible size, of the errors at the targets; weights : (K,)
     lacking : LastingError, the error there that no reading lowers
     dof : float, degrees of freedom behind the noise, infinite where it is known
     """
 
     model: Model
-    targets: TargetErrors
+    rows: Array
+    weights: Array
     lacking: LastingError
     dof: float
 
@@ -163,12 +164,18 @@ class TaskError:
             stated = found.levels is not None and not found.levels.estimated
             as_a_whole = bool(lacking.rms) and not stated
             dof = freedom(found.noise.dof, found.stays, found.rank, as_a_whole=as_a_whole)
-        targets = TargetErrors.of(model, at.values, *targets_of(at.cell)).per(model.sizes)
-        return cls(model, targets, lacking, dof)
+        targets, weights = targets_of(at.cell)
+        rows = target_rows(model, at.values, targets) * model.sizes
+        return cls(model, rows, weights / weights.sum(), lacking, dof)
+
+    @property
+    def weighed(self) -> Array:
+        """Rows (n, p) of which the squares add up to the mean squared error."""
+        return stacked(self.rows * np.sqrt(self.weights)[:, None, None])
 
     def expected(self, pose: str | None, readings: int, known: LinearProblem) -> ForecastStep:
         """What is known by all readings by then."""
-        rows, weights, sizes = self.targets.rows, self.targets.weights, self.model.sizes
+        rows, weights, sizes = self.rows, self.weights, self.model.sizes
         p, J = len(sizes), known.fitted[1] * sizes
         ids = tuple(parameter.id for parameter in self.model.parameters)
         choice = identifiable(J, np.ones(p), ids)
@@ -199,26 +206,25 @@ class TaskError:
         """
         from scipy.special import fdtri
 
-        half = stacked(self.targets.rows * np.sqrt(self.targets.weights)[:, None, None])
-        spread = cov @ half.T @ half
+        spread = cov @ self.weighed.T @ self.weighed
         squares = float((spread * spread.T).sum())
         drawn = rms**4 / squares if squares > 0.0 else _MANY  # nothing is open: nothing exceeds it
         return float(np.sqrt(fdtri(min(drawn, _MANY), min(self.dof, _MANY), _SURE)))
 
 
-def most_useful_first(targets: TargetErrors, known: Array, rows: Array, sizes: Array) -> list[int]:
+def most_useful_first(targets: Array, known: Array, rows: Array, sizes: Array) -> list[int]:
     """The n poses, each the one that lowers the error at the targets most after those before.
 
-    targets : TargetErrors, per plausible size; sizes : ndarray, shape (p,), SI
+    targets : ndarray, shape (k, p), rows of the errors, per plausible size; sizes : ndarray, shape (p,)
     known : ndarray, shape (N, p), independent rows of what is known, per SI unit
     rows : ndarray, shape (n, r, p), those of each pose
     """
     from scipy.linalg import solve_triangular
 
-    p, weights = len(sizes), np.sqrt(targets.weights)[:, None, None]
+    p = len(sizes)
     root = triangle(np.concatenate([known * sizes, np.eye(p) / _FREE]))
     T = solve_triangular(root, np.eye(p))  # in which the information now is the identity
     J = rows * sizes @ T
     blocks = Blocks(pack(np.swapaxes(J, 1, 2) @ J), np.eye(p), min(rows.shape[1:]))
-    task = Task.of_rows(stacked(targets.rows * weights) @ T)
+    task = Task.of_rows(targets @ T)
     return list(map(int, greedy(Selection(task, blocks, Allowed.any_of(len(rows), len(rows))))))

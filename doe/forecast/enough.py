@@ -210,7 +210,7 @@ def _steps(
     most = max(map(len, each))
     padded = np.array([np.pad(J, ((0, most - len(J)), (0, 0))) for J in each])
     known = np.concatenate([stacked(now.rows()), now.held])
-    for i in most_useful_first(task.targets, known, padded, task.model.sizes):
+    for i in most_useful_first(task.weighed, known, padded, task.model.sizes):
         done = done | (pose == to_come[i])
         yield task.expected(names[to_come[i]], int(done.sum()), rows.take(done).problem)
 

@@ -76,11 +76,11 @@ class InformationFunction(ABC):
         """
         raise NotImplementedError(f"criterion {self.name} has no cone form")
 
-    def curvature(self, M: Array, columns: Array) -> tuple[float, Array, Array]:
-        """A convex cost of the same optimum over weights of columns, where ``smooth`` says so.
+    def curvature(self, M: Array, columns: Array) -> tuple[Array, Array]:
+        """Of a convex cost of the same optimum over weights of columns, where ``smooth`` says so.
 
         columns : ndarray, shape (q, p, p)
-        Returns the cost at M, its gradient (q,) and rows (q, k) with Hessian ``rows @ rows^T``.
+        Returns the gradient at M, (q,), and rows (q, k) with Hessian ``rows @ rows^T``.
         """
         raise NotImplementedError(f"criterion {self.name} is not smooth")
 
@@ -107,7 +107,11 @@ class Selection:
         """The criterion of a plan."""
         return float(self.criterion.value(self.blocks.total(plan)))
 
+    def proof(self, G: Array) -> tuple[float, Array, Array]:
+        """What no plan's criterion is above, the supergradient G (p, p), and all scores by it, (n,)."""
+        scores = self.blocks.scores(G)
+        return float((G * self.blocks.fixed).sum()) + self.allowed.best(scores)[0], G, scores
+
     def bound(self, G: Array) -> float:
         """No plan has a larger criterion than this, G, shape (p, p), being a supergradient."""
-        fixed = float((G * self.blocks.fixed).sum())
-        return fixed + self.allowed.best(self.blocks.scores(G))[0]
+        return self.proof(G)[0]

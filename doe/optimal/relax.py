@@ -11,6 +11,7 @@ Xie, arXiv 2411.01405, 2024.)
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,10 +30,8 @@ _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywher
 _DIGITS = 0.02  # precision of a master, of the gap that is left
 _MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
-_RANDOM, _STEPS = (
-    20,
-    150,
-)  # plans by chance that the method without cones begins with, and its steps
+_RANDOM = 20  # plans by chance that the method without cones begins with
+_STEPS = 150  # of it
 _LENGTHS = np.geomspace(0.5, 1e-3, 12)
 _MOST_STEPS, _CENTRING, _TO_BOUNDARY = 80, 0.15, 0.98  # of the interior point method
 
@@ -66,18 +65,19 @@ class Relaxation:
         return self.bound / self.value - 1.0
 
 
-def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
+def relax(
+    posed: Selection, *, start: Sequence[int] | IntArray = (), gap: float = GAP
+) -> Relaxation:
     """Maximise the criterion over weights, certified over every candidate.
 
-    start : ndarray of int, candidates to begin with, as those of a known plan, in place of a search for
-        them
-    It stops at a gap of :data:`GAP`, or at a larger one where the solver cannot reach it.
+    start : further candidates to begin with, as those of a known plan
+    It stops at a gap, or at a larger one where the solver cannot reach it.
     """
     criterion, allowed = posed.criterion, posed.allowed
     if not (criterion.smooth or criterion.conical):
         return _stepped(posed)
-    active, M = _warm_start(posed, _WARM_ROUNDS if start is None else 1)
-    active = active if start is None else np.union1d(active, start)
+    active, M = _warm_start(posed, 1 if len(start) else _WARM_ROUNDS)
+    active = np.union1d(active, np.asarray(start, dtype=int))
     met, precision, best, G_best, stalled = [M], _DIGITS, np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         part = posed.take(active)
@@ -86,15 +86,14 @@ def relax(posed: Selection, *, start: IntArray | None = None) -> Relaxation:
         met.append(M)
         value = float(criterion.value(M))
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
-        bound, G = min(((posed.bound(G), G) for G in proofs), key=lambda proof: proof[0])
+        bound, G, scores = min((posed.proof(G) for G in proofs), key=lambda proof: proof[0])
         stalled = 0 if bound < best * (1.0 - 0.1 * GAP) else stalled + 1
         if bound < best:
             best, G_best = bound, G
-        if best <= value * (1.0 + GAP):
+        if best <= value * (1.0 + gap):
             break
         # No more digits of the master than its candidates deserve.
         precision = max(GAP / 4.0, min(precision, _DIGITS * (best / value - 1.0)))
-        scores = posed.blocks.scores(G)
         entering = _entering(scores, allowed)
         if np.isin(entering, active).all() and stalled >= _PATIENCE:
             break
@@ -193,7 +192,7 @@ def newton_weights(posed: Selection, precision: float) -> Array:
     y = np.zeros(len(present))
     lower_dual = upper_dual = np.full(q, len(blocks.fixed) / (2.0 * q))
     for _ in range(_MOST_STEPS):
-        _, slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
+        slope, rows = criterion.curvature(blocks.total(np.arange(q), w), columns)
         gap = float(w @ lower_dual + slack @ upper_dual)
         residual = slope + sums.T @ y - lower_dual + upper_dual
         loose = np.abs(residual).max() * target.sum()  # what the bound may lose by it

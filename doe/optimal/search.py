@@ -57,15 +57,11 @@ _LONG, _BRIEF = _Effort(10, 40, (0.3, 0.1, 0.03, 0.01)), _Effort(3, 6, (0.3, 0.0
 class WholePlan:
     """The best plan found, with the weights that bound it.
 
-    plan : ndarray of int, shape (N,), candidates; value : float, its criterion
-    agreement : float, median of the local optima that the starts ended in, over the best plan: where
-        they agree, what is missing to the bound is likely the bound's slack
-    relaxed : Relaxation
+    plan : ndarray of int, shape (N,), candidates; value : float, its criterion; relaxed : Relaxation
     """
 
     plan: IntArray
     value: float
-    agreement: float
     relaxed: Relaxation
 
 
@@ -90,7 +86,7 @@ def best_plan(
         ends.append(_eased(part, rounded_weights(part.allowed, heeded, rng), effort))
     plan, value = _kicked_on(part, *max(ends, key=lambda end: end[1]), effort.kicks, rng)
     plan, value = _among_all(posed, listed[plan], value)
-    return WholePlan(plan, value, float(np.median([end for _, end in ends]) / value), relaxed)
+    return WholePlan(plan, value, relaxed)
 
 
 def rounded_weights(allowed: Allowed, weights: Array, rng: np.random.Generator | None) -> IntArray:

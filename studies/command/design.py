@@ -25,8 +25,8 @@ def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
 @options.value("-o --output plan_path", "PLAN", "Write the plan as CSV, in the order of measurement.")
 @options.value("--poses", "N", "Number of poses to choose.", click.IntRange(min=1))
 @options.value("--criterion", "NAME",
-    "What the plan minimises. task: error at the targets. task-worst: error at the worst target. A: "
-    "mean variance. D: volume of the confidence ellipsoid. Ds: the same for some parameters. c: one "
+    "What the plan minimises. task: error at the targets. A: mean variance. "
+    "D: volume of the confidence ellipsoid. Ds: the same for some parameters. c: one "
     "combination. E: the worst combination. G: the worst predicted pose. Or a criterion of an "
     "installed package.", str,
     default="task", show_default=True, shell_complete=_criteria)

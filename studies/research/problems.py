@@ -14,8 +14,9 @@ import numpy as np
 import calib
 from calib import Cell
 from calib.cell.planned import Planned, Targets
-from doe.candidates import Pool, candidates_of
+from doe.candidates import candidates_of
 from doe.levels import levels_of, parse_levels
+from doe.optimal.function import Selection
 from doe.problem import Problem, problem_of
 from doe.request import Request
 from studies.demo.embedded import embedded_cell
@@ -52,7 +53,7 @@ def problem(cell: Cell, criterion: str, poses: int = 20, levels: str | None = No
     return problem_of(cell, Request(poses, criterion, levels_of(cell, asked, poses)))
 
 
-def pool(posed: Problem, count: int) -> Pool:
-    """Candidates of a problem, seed 0."""
-    offered = candidates_of(posed.cell, posed.constraints, posed.request.levels, count, 0)
-    return offered.informed(posed.regressor)
+def pool(posed: Problem, count: int) -> Selection:
+    """The choice of a plan from so many candidates of a problem, seed 0."""
+    drawn = candidates_of(posed.cell, posed.constraints, posed.request.levels, count, 0)
+    return replace(posed, pool=drawn).posed()

@@ -27,13 +27,6 @@ if TYPE_CHECKING:
     from doe import Design
 
 
-class Proof(Entry):
-    """What is missing to the bound: the solver's tolerance, and how far apart searches ended."""
-
-    solver_gap: Number
-    agreement_of_starts: Number
-
-
 class DesignPose(JointValues):
     """A pose of the plan; level : deg or mm, None without levels."""
 
@@ -48,7 +41,6 @@ class PlanAccuracy(Entry):
     task_worst_mm: Maybe
     determinant: Maybe
     trace: Maybe
-    observability: dict[str, Maybe]
 
 
 class CandidateCounts(Entry):
@@ -84,20 +76,6 @@ class CurveStep(Entry):
     efficiency: Maybe
 
 
-class DayTimes(Entry):
-    """The time that the poses take in their order.
-
-    seconds : of the whole day, None where not all joint speeds are known
-    speedless : joints of which no speed is known
-    """
-
-    speed_percent: NotNegative
-    seconds: Maybe
-    moving_s: Maybe
-    standing_s: NotNegative
-    speedless: tuple[str, ...] = ()
-
-
 class DesignResult(Result, PlanAccuracy):
     """The poses to measure, and the proof of how good they are.
 
@@ -111,7 +89,6 @@ class DesignResult(Result, PlanAccuracy):
     value: Maybe
     bound: Maybe
     efficiency: Number
-    proof: Proof
     poses: tuple[DesignPose, ...] = Field(min_length=1)
     levels_deg: dict[str, tuple[Number, ...]]
     levels_mm: dict[str, tuple[Number, ...]]
@@ -128,20 +105,17 @@ class DesignResult(Result, PlanAccuracy):
     notes: tuple[str, ...]
     granted: tuple[str, ...]
     seconds: NotNegative
-    pays_until: Count | None
     unchecked: str
-    day: DayTimes | None
+    duration_s: Maybe
 
     @classmethod
     def of(cls, found: Design, cell: Cell, made_from: Envelope) -> Self:
         """A design in a cell."""
         from doe.constraints.self_collision import unchecked
         from doe.order import travel
-        from doe.plan import stops_paying
 
         problem, judged, again = found.problem, found.assessment, found.reapproaches
         criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
-        counts, errors = [s.poses for s in found.curve], [s.task_rms for s in found.curve]
         levels = shown_levels(found)
         return cls.from_object(
             judged,
@@ -153,7 +127,6 @@ class DesignResult(Result, PlanAccuracy):
             value=found.value,
             bound=found.bound,
             efficiency=found.efficiency,
-            proof=Proof.from_object(found.certificate),
             poses=tuple(
                 DesignPose(pose=name, level=level, **joint_values(robot, q))
                 for name, level, q in zip(found.poses.names, levels, found.poses.q, strict=True)
@@ -161,7 +134,7 @@ class DesignResult(Result, PlanAccuracy):
             predicted_std=ParameterStd.known(problem.model.parameters, judged.std),
             expected=ExpectedErrors.of_plan(found, cell),
             targets=cell.targets_in_words,
-            candidates=CandidateCounts.from_object(found.candidates),
+            candidates=CandidateCounts.from_object(problem.pool),
             joint_travel_deg=math.degrees(travel(found.poses.q[:, ~robot.prismatic])),
             joint_travel_mm=travel(found.poses.q[:, robot.prismatic]) * MM,
             reapproaches=None if again is None else RepeatVisits.from_object(again),
@@ -176,9 +149,8 @@ class DesignResult(Result, PlanAccuracy):
             notes=found.notes,
             granted=found.granted,
             seconds=found.seconds,
-            pays_until=stops_paying(counts, errors),
             unchecked=unchecked(cell),
-            day=DayTimes.from_object(found.day, speed_percent=found.day.cell.pace.speed * 100.0),
+            duration_s=found.duration,
         )
 
     @property

@@ -172,7 +172,6 @@ CELL = _in(
             "poses_per_level = 3 }", "poses_per_level = 3, count = 5 }"
         ),
         "an obstacle of no known shape": added('\n[[design.obstacle]]\ntype = "cone"\n'),
-        "a floor that is switched off": swap("levels = {", "floor_mm = false\nlevels = {"),
         "a speed in another unit": added("\n[robot.speed_mm_s]\nA1 = 105\n"),
         "a day faster than the joints": added("\n[timing]\nspeed_percent = 120\n"),
         "a box without size": added('\n[[design.obstacle]]\ntype = "box"\ncenter_mm = [0, 0, 0]\n'),

@@ -14,8 +14,7 @@ from calib.arrays import Array
 from calib.cell import Cell
 from calib.errors import InputError
 from calib.files.shapes import enclosing_capsule, mesh_vertices
-from doe.constraints import constraints_of, scene_of
-from doe.constraints.obstacles import Floor
+from doe.constraints import scene_of
 from tests.helpers import cell_text
 
 mujoco = pytest.importorskip("mujoco")
@@ -201,14 +200,9 @@ def test_a_capsule_holds_its_points_and_little_more(size: tuple[float, ...]) -> 
     assert np.linalg.norm(end - start) <= 2.05 * np.linalg.norm(size)
 
 
-@pytest.mark.parametrize(
-    ("more", "height"),
-    [("[design]\nfloor_mm = -300.0\n", -0.3), ("", None), ("capsules_mm = {}\n", None)],
-)
-def test_the_cell_says_otherwise(folder: Path, more: str, height: float | None) -> None:
+@pytest.mark.parametrize("more", ["", "capsules_mm = {}\n"])
+def test_the_cell_says_otherwise(folder: Path, more: str) -> None:
     cell = load(folder, more=more)
-    floors = [own.height for own in constraints_of(cell) if isinstance(own, Floor)]
-    assert floors == ([] if height is None else [height])
     assert bool(cell.shapes.capsules) is ("capsules" not in more)
 
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 import doe
-from calib import Cell, Poses
+from calib import Cell
 from calib.arrays import Array, IntArray
+from calib.poses import poses_at
+from doe.candidates import drawn
 from doe.criteria import Criterion
 from doe.criteria.determinant import Determinant, Subset
-from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstTask
+from doe.criteria.smallest import Rivals, SmallestEigenvalue, WorstRegion
 from doe.criteria.trace import Average, Combination, Task
+from doe.levels import levels_of, parse_levels
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
-from doe.planning import planned
-from doe.request import request_of
 
 RIDGE = 1e-10
 
@@ -55,7 +55,7 @@ def criteria(rng: np.random.Generator, p: int) -> dict[str, Criterion]:
         "task": Task(np.concatenate(list(F)).T),
         "E": SmallestEigenvalue(V),
         "E of two": SmallestEigenvalue(V[:2]),
-        "task-worst": WorstTask(np.swapaxes(F, -1, -2)),
+        "G": WorstRegion(np.swapaxes(F, -1, -2)),
         "rivals": Rivals((V[:1], V[1:3])),
     }
 
@@ -90,9 +90,18 @@ def random_information(rng: np.random.Generator, p: int) -> Array:
     return np.asarray(A @ A.T)
 
 
-def unpolished(cell: Cell, against: Mapping[str, Poses] | None = None, **asked: Any) -> doe.Design:
-    """The plan of candidates alone."""
-    return planned(cell, replace(request_of(cell, **asked), polish=False), against or {})
+def unpolished(
+    cell: Cell,
+    *,
+    candidates: int,
+    levels: str | None = None,
+    poses: int | None = None,
+    **asked: Any,
+) -> doe.Design:
+    """The plan of drawn candidates alone: those of a table are left as they are."""
+    at = levels_of(cell, None if levels is None else parse_levels(cell, levels), poses)
+    q = np.concatenate(list(drawn(cell, candidates, at, 0)))
+    return doe.design(cell, candidates=poses_at(q), levels=levels, poses=poses, **asked)
 
 
 def visiting_again(cell: Cell, count: int) -> Cell:

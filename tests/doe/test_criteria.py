@@ -69,7 +69,7 @@ def test_curvature_against_differences(name: str) -> None:
         at_w = float(criterion.value(np.tensordot(w, columns, 1)))
         return -P * np.log(value) if name == "D" else at_w / value
 
-    _, slope, rows = criterion.curvature(np.tensordot(w, columns, 1), columns)
+    slope, rows = criterion.curvature(np.tensordot(w, columns, 1), columns)
     H, h = rows @ rows.T, 1e-4
     for i in range(4):
         e = np.eye(4)[i] * h

@@ -26,8 +26,9 @@ from calib.noise import Noise
 from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
+from doe.levels import levels_of, parse_levels
 from doe.planning import planned
-from doe.request import request_of
+from doe.request import Request
 from tests.doe.problems import unpolished
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
 
@@ -79,8 +80,8 @@ def within_limits(cell: Cell, q: np.ndarray) -> bool:
 def test_paper_case_beside_table_two(massless: Cell, table_two: Poses) -> None:
     """Reached by any exchange: 1.94 times the task RMS and 2.4 times the trace of Table II."""
     base = {"levels": LEVELS, "candidates": 20_000, "against": {"II": table_two}}
-    asked = request_of(massless, criterion="task", levels=LEVELS, candidates=20_000)
-    task = planned(massless, replace(asked, at_markers=True), {"II": table_two})
+    levels = levels_of(massless, parse_levels(massless, LEVELS), None)
+    task = planned(massless, Request(15, "task", levels, at_markers=True), {"II": table_two})
     trace = doe.design(massless, criterion="A", **base)
     D = doe.design(massless, criterion="D", **base)
     theirs = task.rivals["II"].assessment
@@ -126,16 +127,6 @@ def test_figures_from_the_observation_matrices(
     ratio = plan.value / plan.bound
     fraction = {"task": ratio**-2, "A": 1.0 / ratio, "D": ratio}[criterion]
     assert plan.efficiency == pytest.approx(fraction, rel=1e-9)
-    singular = np.linalg.svd(
-        observation(elastic, plan.poses).reshape(-1, len(units))
-        * model.sizes
-        / elastic.noise.along,
-        compute_uv=False,
-    )
-    assert plan.assessment.observability["O3"] == pytest.approx(singular[-1], rel=1e-4)
-    assert plan.assessment.observability["O2"] == pytest.approx(
-        singular[-1] / singular[0], rel=1e-4
-    )
 
 
 @pytest.mark.long
@@ -273,10 +264,10 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
     scene = scene_of(cell, plan.poses.q)
     for constraint in constraints_of(cell):
         assert constraint.allows(scene).all(), constraint.name
-    removed = plan.candidates.removed_by
+    removed = plan.problem.pool.removed_by
     assert {"obstacle 1 (halfspace)", "obstacle 2 (sphere)", "hanging_load"} <= set(removed)
     assert min(removed["obstacle 1 (halfspace)"], removed["hanging_load"]) > 0
-    assert plan.candidates.drawn == 8000 == plan.candidates.feasible + sum(removed.values())
+    assert plan.problem.pool.drawn == 8000 == plan.problem.pool.feasible + sum(removed.values())
     hidden = int((~visible(scene)).sum())
     assert plan.assessment.hidden == hidden
     assert any("out of sight" in own for own in plan.granted) == (hidden > 0)
@@ -313,8 +304,8 @@ def test_candidates_of_a_table(elastic: Cell, table_two: Poses) -> None:
     q[0, 1] += 0.1  # stands at no level
     pool = poses_at(q)
     plan = doe.design(elastic, levels=LEVELS, criterion="D", candidates=pool)
-    assert plan.candidates.drawn == 300
-    assert plan.candidates.removed_by["levels"] == 1
+    assert plan.problem.pool.drawn == 300
+    assert plan.problem.pool.removed_by["levels"] == 1
     distance = np.abs(plan.poses.q[:, None] - q[None]).max(axis=2).min(axis=1)
     np.testing.assert_allclose(distance, 0.0, atol=1e-9)
 
@@ -347,7 +338,7 @@ def test_two_joints_in_the_plane_have_a_known_optimum() -> None:
     robot = light_chain(origins, np.tile([-np.pi, np.pi], (2, 1)))
     cell = cell_of(robot, np.zeros((1, 3)), ["joint_offset"])
     plan = doe.design(cell, poses=2, criterion="D", candidates=500)
-    assert plan.candidates.drawn == 500 == plan.candidates.feasible
+    assert plan.problem.pool.drawn == 500 == plan.problem.pool.feasible
     assert np.cos(plan.poses.q[:, 1]).sum() == pytest.approx(0.0, abs=0.02)
     expected = 2.0 * 0.7 * 0.4 / 1e-10 * 1e-12
     assert plan.value == pytest.approx(expected, rel=1e-4)
@@ -436,7 +427,7 @@ REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "no number": (as_it_is, {}, "how many poses"),
     "too few poses": (as_it_is, {"poses": 2}, "poses leave"),
     "nothing feasible": (
-        blocked(EVERYWHERE, "tool"), AT_LEVELS, "the arm meets obstacle 1 (sphere) wherever it stands"
+        blocked(EVERYWHERE, "tool"), AT_LEVELS, "of 500, obstacle 1 (sphere) removed 500"
     ),
     "nothing feasible at a level": (blocked(LOW, "A3"), AT_LEVELS, "at A2 = -0.01"),
     "chi_1 under a vertical load": (modelled("joint_compliance"), FIFTEEN, "joint_compliance:A1"),
@@ -487,7 +478,7 @@ def test_plans_that_cannot_be(elastic: Cell, case: str) -> None:
 @pytest.mark.parametrize(
     ("asked", "knots", "count", "each"),
     [
-        ({"levels": "A2=3x5", "criterion": "task-worst"}, False, 3, 5),
+        ({"levels": "A2=3x5", "criterion": "G"}, False, 3, 5),
         ({"levels": "A2=5x3", "criterion": "D"}, False, 5, 3),
         ({"levels": "A2=5x3", "criterion": "D"}, True, 5, 3),
         ({"poses": 6, "criterion": "D"}, False, 3, 2),

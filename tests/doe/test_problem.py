@@ -78,7 +78,7 @@ def pool(cell: Cell) -> tuple[Problem, Pool]:
     rng = np.random.default_rng(2)
     q = rng.uniform(*cell.robot.sample_limits().T, (200, cell.robot.dof))
     problem = problem_of(cell, Request(8, "D", candidates=poses_at(q)))
-    return problem, problem.candidates()
+    return problem, problem.pool
 
 
 def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: Cell) -> None:
@@ -99,8 +99,9 @@ def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: C
     )
     few = replace(problem, request=replace(problem.request, poses=enough - 1))
     with pytest.raises(CannotIdentify, match=f"{enough - 1} poses leave .* parameters open"):
-        choose(few, found)
-    choose(replace(problem, request=replace(problem.request, poses=enough)), found)
+        choose(few, few.posed())
+    many = replace(problem, request=replace(problem.request, poses=enough))
+    choose(many, many.posed())
 
 
 def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: Cell) -> None:

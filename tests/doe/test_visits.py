@@ -29,7 +29,7 @@ from doe.information import Regressor
 from doe.order import durations, over_the_day, quickest_order, with_reapproaches
 from doe.plan import assess
 from doe.problem import Problem, problem_of
-from doe.request import Request, request_of
+from doe.request import Request
 from studies.compare.experiment import POINTS, experiment_of, predict
 from studies.results.compare import compared
 from studies.results.design import DesignResult
@@ -296,7 +296,7 @@ def test_repeatability_is_found_as_well_as_promised(cell: Cell) -> None:
 def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     path = paper_cell(tmp_path)
     path.write_text(path.read_text().replace("\n[design] ", "\n[design]\nreapproaches = 4\n#"))
-    assert request_of(load_cell(path), poses=15).reapproaches == 4
+    assert load_cell(path).design.reapproaches == 4
     done = run(
         "design", path, "--poses", 15, "--candidates", 700, "--levels", "A2=5x3",
         "--reapproach", 3, "--json", tmp_path / "best.json", "-o", tmp_path / "best.csv",

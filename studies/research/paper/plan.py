@@ -10,14 +10,13 @@ markers, base and tool known, nine compliances; targets of a milling task.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from calib import Cell, Poses
+from doe.levels import levels_of, parse_levels
 from doe.planning import planned
-from doe.request import request_of
+from doe.request import Request
 from studies.demo.embedded import embedded_plan
 from studies.research.bench import Output, Row, bench, count, each, table
-from studies.research.problems import LEVELS, paper_cell
+from studies.research.problems import LEVELS, PAPER_POSES, paper_cell
 
 CRITERIA = {
     "task (markers)": ("task", True, "task_rms"),
@@ -31,8 +30,9 @@ CRITERIA = {
 def compared(cell: Cell, table_two: Poses, name: str, candidates: int) -> Row:
     """An optimal plan beside Table II: both figures, their ratio, the proof, and poses that match."""
     criterion, at_markers, key = CRITERIA[name]
-    asked = request_of(cell, levels=LEVELS, criterion=criterion, candidates=candidates, curve=True)
-    plan = planned(cell, replace(asked, at_markers=at_markers), {"Table II": table_two})
+    levels = levels_of(cell, parse_levels(cell, LEVELS), None)
+    asked = Request(PAPER_POSES, criterion, levels, candidates=candidates, at_markers=at_markers)
+    plan = planned(cell, asked, {"Table II": table_two}, curve=True)
     rival = plan.rivals["Table II"]
     own, theirs = getattr(plan.assessment, key), getattr(rival.assessment, key)
     larger, goal = plan.problem.criterion.larger_is_better, rival.assessment.value

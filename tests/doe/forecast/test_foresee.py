@@ -16,7 +16,6 @@ from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from doe.forecast.accuracy import most_useful_first
 from doe.forecast.foresee import PowerAnalysis, foresee
-from doe.information import TargetErrors
 from tests.helpers import all_seen, cell_of, random_robot, with_effects
 
 MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
@@ -198,14 +197,15 @@ def test_what_a_cause_leaves_beside_another_is_that_of_least_squares(found: Powe
 def test_the_most_useful_pose_is_that_of_all_rows_at_once() -> None:
     rng = np.random.default_rng(0)
     p, sizes, weights = 6, rng.uniform(0.5, 2.0, 6), rng.uniform(size=5)
-    at = TargetErrors(rng.normal(size=(5, 3, p)), weights / weights.sum())
+    at, weights = rng.normal(size=(5, 3, p)), weights / weights.sum()
+    half = (at * np.sqrt(weights)[:, None, None]).reshape(-1, p)
     own, more = rng.normal(size=(30, p)) / sizes, rng.normal(size=(4, 9, p)) / sizes
 
     def direct(*further: int) -> float:
         rows = np.concatenate([own, *(more[i] for i in further)]) * sizes
         cov = np.linalg.inv(rows.T @ rows + np.eye(p) / 100.0)
-        return float(at.weights @ np.einsum("krp,pq,krq->k", at.rows, cov, at.rows))
+        return float(weights @ np.einsum("krp,pq,krq->k", at, cov, at))
 
-    first, second, *_ = most_useful_first(at, own, more, sizes)
+    first, second, *_ = most_useful_first(half, own, more, sizes)
     assert first == np.argmin([direct(i) for i in range(4)])
     assert second == min(set(range(4)) - {first}, key=lambda i: direct(first, i))

@@ -63,7 +63,8 @@ class Candidate:
         if not isinstance(self.effect, Curve):
             further = f" #{self.line}" if self.line > 1 else ""
             echo = f" as {self.echo}" if self.echo else ""
-            return f"{self.effect.kind}:{self.where}{further}{echo}"
+            form = f" {self.effect.form}" if self.effect.form else ""
+            return f"{self.effect.kind}:{self.where}{form}{further}{echo}"
         variable, count = self.effect.variable, len(self.effect.parameters)
         about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
         return f"{type(self.effect).__name__}:{self.where} by {self.depends_on}{about} ({count})"
@@ -147,7 +148,7 @@ def candidates(
             )
             repeated = effect_type.repeats(where, model.effects)
             if repeated is None:
-                found.append(own)
+                found += [own, *(replace(own, effect=e) for e in effect.forms(data.poses))]
             elif repeated:
                 second[f"{repeated}:{where}"] = (own,)
     found = [replace(c, also=second.get(c.key, ())) for c in found]

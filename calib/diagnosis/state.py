@@ -197,6 +197,7 @@ class SelectionState:
             c
             for c in self.candidates
             if c.candidate.key not in taken | self.problem.candidates.closed
+            and not any(_other_form(c.candidate, m.candidate) for m in rest)
             and (c.candidate.named or not full)
             and not (stiff and isinstance(c.candidate.effect, LoadEffect))
         ]
@@ -253,6 +254,10 @@ def _at_amplitudes(members: Members, likelihood: RestrictedLikelihood) -> Iterat
         squares = np.maximum(1.0 / d - 1.0, 0.0) / member.amplitude**2
         _, best = best_amplitude(squares[None], z[None], member.own.amplitudes[None])
         yield replace(member, amplitude=float(best[0]))
+
+
+def _other_form(one: Candidate, other: Candidate) -> bool:
+    return one.is_like(other) and one.effect.form != other.effect.form
 
 
 def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:

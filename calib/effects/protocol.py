@@ -98,6 +98,7 @@ class Effect(ABC):
     uses : what it needs of each pose beyond joints and loads, by the names of ``Poses``; where a pose
         does not have that, the effect does nothing
     parts : kinds of effects that it contains, at the same place
+    form : what tells it from other forms of the same cause, empty for the one that a cell names
     flexible : whether at its place it can follow nearly any curve
     drawn : whether its error can be drawn as a curve over a few knots
     decided_by : what would separate it from causes that look alike, beyond further poses
@@ -109,6 +110,7 @@ class Effect(ABC):
     unknowns: ClassVar[tuple[Unknown, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
     parts: ClassVar[tuple[str, ...]] = ()
+    form: ClassVar[str] = ""
     flexible: ClassVar[bool] = False
     drawn: ClassVar[bool] = True
     decided_by: ClassVar[str] = ""
@@ -140,6 +142,10 @@ class Effect(ABC):
         It is the empty string where the effect would move nothing.
         """
         return None
+
+    def forms(self, poses: Poses) -> tuple[Effect, ...]:
+        """Further forms of the same cause, that a diagnosis of these poses tries."""
+        return ()
 
     def contains(self, kind: str, where: str) -> bool:
         """Whether another cause is a part of this one, so that a model needs it no more."""

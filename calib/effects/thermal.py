@@ -1,12 +1,12 @@
 """Links that are longer than the nominal model by the temperature.
 
-Links are warmer than the air or the drives beside them only after a while. So their temperature follows
-the one that was read with a time constant, the lag, where the clock of the session is known.
+Links are warmer than the air or the drives beside them only after a while. So a diagnosis also tries
+whether they follow the temperature that was read with a time constant, the lag.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
@@ -56,10 +56,13 @@ class ThermalExpansion(StretchEffect):
                 "the next joint has its origin in this one's",
                 "name a link that has a length, or arm",
             )
-        timed = context.clock_unit == "s" and "time" not in context.lacking
-        if timed if context.parameters is None else "lag" in context.parameters:
-            return LateExpansion(where=where, ends=ends, lengths=lengths, tuning=0.0)
+        if "lag" in (context.parameters or ()):
+            return LateExpansion(where=where, ends=ends, lengths=lengths, tuning=_USUAL)
         return cls(where, ends, lengths)
+
+    def forms(self, poses: Poses) -> tuple[Effect, ...]:
+        own = {field.name: getattr(self, field.name) for field in fields(ThermalExpansion)}
+        return () if poses.lagged is None else (LateExpansion(**own, tuning=_USUAL),)
 
     def response(self, poses: Poses, values: Array) -> Array:
         return poses.warming[:, None, None]
@@ -70,6 +73,10 @@ class LateExpansion(Tuned, ThermalExpansion):
     """The same where links follow the temperature late, with one of the time constants ``LAGS``."""
 
     smooth: ClassVar[bool] = False
+    form: ClassVar[str] = "late"
+
+    def forms(self, poses: Poses) -> tuple[Effect, ...]:
+        return ()
 
     @property
     def tuning_parameter(self) -> Parameter:
@@ -86,7 +93,7 @@ class LateExpansion(Tuned, ThermalExpansion):
         return np.zeros((*np.shape(tuning), len(poses), 1))
 
     def grid(self, poses: Poses) -> Array:
-        return np.zeros(0) if poses.lagged is None else LAGS
+        return np.zeros(0) if poses.lagged is None else LAGS[1:]
 
 
 def translations(robot: Robot) -> Array:

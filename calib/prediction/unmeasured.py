@@ -112,13 +112,12 @@ class Unmeasured:
 def unmeasured(cell: Cell, fit: FittedModel, after: float, drifts: bool) -> Iterator[Unmeasured]:
     """What a fit leaves unmeasured, kind by kind.
 
-    after : s after the last reading, of targets; drifts : whether a trend of the day is shown, and so
-        measured
+    after : s after the last reading, of targets that give no time; drifts : whether a trend of the day
+        is shown, which is carried on to them
     """
     poses = fit.data.poses
-    for kind, alike in groupby(_lacking(cell, fit.model, poses), key=lambda e: e.kind):
-        if drifts and kind == "base_drift":
-            continue
+    later = float(poses.clock.max()) + after if after and not drifts else None
+    for _, alike in groupby(_lacking(cell, fit.model, poses), key=lambda e: e.kind):
         effects = tuple(alike)
         _, columns = columns_at(fit.model, fit.values, poses, effects)
         rows = fit.points.rows(np.concatenate(columns, axis=-1))
@@ -134,7 +133,7 @@ def unmeasured(cell: Cell, fit: FittedModel, after: float, drifts: bool) -> Iter
             fit.linear.followed(rows),
             0.0,
             _range(_condition(effects[0], poses)),
-            float(poses.clock.max()) + after if after and "time" in effects[0].uses else None,
+            later if "time" in effects[0].uses else None,
         )
         moved = np.linalg.norm(_moved(fit.model, fit.values, poses, found), axis=(-1, -2))
         yield replace(found, largest=float(moved.max()))

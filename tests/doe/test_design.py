@@ -360,7 +360,7 @@ def test_e_with_a_free_base_says_so(kr270: Cell) -> None:
     """A shift of the base moves all markers alike at every pose: no plan knows it better."""
     free = replace(kr270, effects=("base", "joint_offset:A5"), load=None, design=Planned())
     plan = doe.design(free, poses=15, criterion="E", **QUICK)
-    assert plan.efficiency > 0.999999
+    assert plan.efficiency > 0.99999
     assert any("the same for all poses" in note for note in plan.notes)
     soft = replace(kr270, effects=("base", "joint_compliance:A3,A4,A5,A6"), design=Planned())
     for of in ([], ["joint_compliance"]):

@@ -234,8 +234,8 @@ def _late(state: Contest, question: Question) -> Contest:
     return Contest.of(state.products, model, state.weights)
 
 
-def _as_good(late: Contest, risen: Contest) -> bool:
-    return float((late.squares @ risen.weights).sum()) <= float(risen.pooled.sum())
+def _as_good(one: Contest, other: Contest) -> bool:
+    return float((one.squares @ other.weights).sum()) <= float(other.pooled.sum())
 
 
 def _variants(state: Contest, joint: int, kind: str) -> list[Term]:
@@ -256,32 +256,34 @@ def tuned(state: Contest, model: MotionModel, rung: Sequence[str]) -> MotionMode
 
 
 def _with_inertials(state: Contest, question: Question) -> Contest:
-    """The state with the payload free, or all inertials, where that predicts better.
+    """The state with the payload or all inertials free, where that predicts better.
 
-    A spring does the work of a wrong mass: it leaves for all inertials, and enters again where it must.
+    Springs, offsets and scales of several joints do the work of wrong masses: they leave for all
+    inertials, and enter again where they must. They come back alone where they predict as well.
     """
-    if state.model.inertials == "inertials":
-        return state
-    best = state
-    if state.model.inertials == "none" and question.may("payload", 0):
-        payload = _freed(state, state.model, "payload")
-        best = (
-            payload
-            if state.evidence(state.pooled, payload.pooled).stands(question.count)
-            else state
-        )
-    if not question.may("inertials", 0):
-        return best
-    model = state.model
-    for j in range(len(model.terms)):
-        model = taken(model, j, "spring") if question.may("spring", j) else model
-    whole = _freed(state, model, "inertials")
-    if state.evidence(best.pooled, whole.pooled).stands(question.count):
+    model, may_all = state.model, question.may("inertials", 0)
+    if model.inertials == "inertials":
+        if not may_all:
+            return state
+        fixed = Contest.of(state.products, replace(model, inertials="none"), state.weights)
+        fixed = _risen(fixed, question, _OF_LINKS)
+        return fixed if _as_good(fixed, state) else state
+    fixed = state
+    if model.inertials == "none" and question.may("payload", 0):
+        payload = _freed(state, model, "payload")
+        if state.evidence(state.pooled, payload.pooled).stands(question.count):
+            fixed = payload
+    if not may_all:
+        return fixed
+    stand_ins = [(j, kind) for kind, j in members(state, question) if kind in _OF_LINKS]
+    for own in stand_ins:
+        model = taken(model, *own)
+    whole = _risen(_freed(state, model, "inertials"), question, _OF_LINKS)
+    several = len(stand_ins) + (fixed.model.inertials == "payload") > 1
+    pooled = whole.squares @ state.weights
+    if state.evidence(fixed.pooled, pooled).stands(question.count):
         return whole
-    # A payload and springs, or several springs, that together say no more than wrong inertials.
-    stand_ins = sum(holds(state.model, j, "spring") for j in range(len(model.terms)))
-    several = stand_ins + (best.model.inertials == "payload") > 1
-    return whole if several and not state.evidence(whole.pooled, best.pooled).stands() else best
+    return whole if several and not state.evidence(pooled, fixed.pooled).stands() else fixed
 
 
 def _freed(state: Contest, model: MotionModel, inertials: Inertials) -> Contest:

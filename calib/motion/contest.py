@@ -268,22 +268,27 @@ def _with_inertials(state: Contest, question: Question) -> Contest:
         fixed = Contest.of(state.products, replace(model, inertials="none"), state.weights)
         fixed = _risen(fixed, question, _OF_LINKS)
         return fixed if _as_good(fixed, state) else state
+    for kind, j in members(state, question):
+        model = taken(model, j, kind) if kind in _OF_LINKS else model
     fixed = state
     if model.inertials == "none" and question.may("payload", 0):
-        payload = _freed(state, model, "payload")
-        if state.evidence(state.pooled, payload.pooled).stands(question.count):
+        payload = _risen(_freed(state, model, "payload"), question, _OF_LINKS)
+        if _over(state, fixed, payload).stands(question.count):
             fixed = payload
     if not may_all:
         return fixed
-    stand_ins = [(j, kind) for kind, j in members(state, question) if kind in _OF_LINKS]
-    for own in stand_ins:
-        model = taken(model, *own)
     whole = _risen(_freed(state, model, "inertials"), question, _OF_LINKS)
-    several = len(stand_ins) + (fixed.model.inertials == "payload") > 1
-    pooled = whole.squares @ state.weights
-    if state.evidence(fixed.pooled, pooled).stands(question.count):
+    evident = judged(fixed, question).items()
+    stand_ins = sum(kind in _OF_LINKS and own.stands() for (kind, _), own in evident)
+    several = stand_ins + (fixed.model.inertials == "payload") > 1
+    if _over(state, fixed, whole).stands(question.count):
         return whole
-    return whole if several and not state.evidence(pooled, fixed.pooled).stands() else fixed
+    return whole if several and not _over(state, whole, fixed).stands() else fixed
+
+
+def _over(state: Contest, one: Contest, other: Contest) -> Evidence:
+    """Evidence for another state over one, both in the weights of a third."""
+    return state.evidence(one.squares @ state.weights, other.squares @ state.weights)
 
 
 def _freed(state: Contest, model: MotionModel, inertials: Inertials) -> Contest:

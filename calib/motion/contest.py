@@ -17,7 +17,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.motion.effects import SCALE
 from calib.motion.fit import Inertials, MotionFit, MotionModel, fit, left_out, rigid_torque
-from calib.motion.gram import Products, Term
+from calib.motion.gram import CURVE, LOSSES, Products, Term
 
 LEAST = 0.04
 """Least gain of the squared error, 2 % of the error itself."""
@@ -337,6 +337,8 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
 def _without(state: Contest, kind: str, j: int) -> Array:
     """Squared error (r,) of a joint without a kind; links that may stand for it are found anew."""
     model = taken(state.model, j, kind)
+    if kind in LOSSES:  # of which the curve about standstill says nothing
+        model = model.adding(j, (kind, CURVE))
     if kind in _OF_LINKS and state.model.inertials != "none":
         return np.asarray(Contest.of(state.products, model, state.weights).squares[:, j])
     return state.of_joint(j, model)

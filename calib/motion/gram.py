@@ -24,8 +24,8 @@ Term: TypeAlias = tuple[str, float]
 """A kind of effect and its variant."""
 LOSSES = ("viscous_friction", "coulomb_friction", "armature")
 """Kinds that a robot's file has, in the order of its losses."""
-FILE = -1.0
-"""Variant of a loss as a file has it: its first parameter alone."""
+FILE, CURVE = -1.0, -2.0
+"""Variants of a loss: its first parameter alone, as a file has it, and what shapes it alone."""
 _CHUNK = 20_000  # rows at a time
 
 
@@ -46,8 +46,8 @@ class Columns:
         return np.arange(own.start, own.stop)
 
     def variants(self, joint: int, kind: str) -> list[Term]:
-        """Terms of a kind at a joint, without that of a file."""
-        return [term for term in self.terms[joint] if term[0] == kind and term[1] != FILE]
+        """Terms of a kind at a joint, whole."""
+        return [term for term in self.terms[joint] if term[0] == kind and term[1] >= 0.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +122,9 @@ def columns_of(
                     own[kind.kind, variant] = slice(at, at + len(kind.unknowns))
                     at += len(kind.unknowns)
                 if kind.kind in LOSSES:
-                    first = own[kind.kind, kind.variants[0]].start
+                    first = at - len(kind.unknowns)
                     own[kind.kind, FILE] = slice(first, first + 1)
+                    own[kind.kind, CURVE] = slice(first + 1, at)
         terms.append(own)
     width = max(max((s.stop for s in own.values()), default=begin) for own in terms) + 1
     return Columns(inertials, tuple(terms), width)
@@ -233,7 +234,7 @@ def _terms(
     for j, (joint, terms) in enumerate(zip(joints, columns.terms, strict=True)):
         own = np.zeros((len(samples), columns.width - columns.inertials))
         for (kind, variant), place in terms.items():
-            if variant == FILE:
+            if variant < 0.0:
                 continue
             at = slice(place.start - columns.inertials, place.stop - columns.inertials)
             found_columns = kinds[kind](variant).columns(joint)

@@ -26,7 +26,7 @@ DELAY = "torque_delay"
 _RIDGES = (1e1, 1e2, 1e3, 1e4)
 _ALIKE = 1.005  # times the squared error of the best ridge
 _USUAL = ("coulomb_friction", "viscous_friction", "armature", "pre_sliding")
-"""Kinds that every drive has, so that their evidence is not that of the best of many."""
+"""Kinds that every drive has, so that their evidence is that of the best of all joints alone."""
 _OF_LINKS = (SCALE, "spring", "torque_offset")  # terms that other links may stand for
 _ROUNDS = 3
 _MOST = 12  # removals and newcomers of one round
@@ -323,9 +323,9 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
         pooled = state.evidence(*np.sum(both, axis=0))
         for j, _ in each:
             own = found[kind, j]
-            usual = kind in _USUAL
-            by_kind = pooled.stands(1 if usual else question.count) and own.stands()
-            alone = own.stands(1 if usual else question.count * len(state.model.terms))
+            usual, joints = kind in _USUAL, len(state.model.terms)
+            by_kind = pooled.stands(joints if usual else question.count) and own.stands()
+            alone = own.stands(joints if usual else question.count * joints)
             shown[kind, j] = (
                 own if alone or not by_kind else Evidence(own.gain, min(own.p, pooled.p))
             )

@@ -337,7 +337,9 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
 def _without(state: Contest, kind: str, j: int) -> Array:
     """Squared error (r,) of a joint without a kind; links that may stand for it are found anew."""
     model = taken(state.model, j, kind)
-    if kind in LOSSES:  # of which the curve about standstill says nothing
+    losses = state.products.robot.losses
+    if kind in LOSSES and losses is not None and losses[j, LOSSES.index(kind)]:
+        # What the file has may bend about standstill, and that is no cause.
         model = model.adding(j, (kind, CURVE))
     if kind in _OF_LINKS and state.model.inertials != "none":
         return np.asarray(Contest.of(state.products, model, state.weights).squares[:, j])

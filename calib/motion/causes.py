@@ -11,6 +11,7 @@ import numpy as np
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.motion.contest import (
+    DELAY,
     LEAST,
     Contest,
     Evidence,
@@ -81,11 +82,15 @@ def causes_of(
     question: Question,
     before: Contest,
     state: Contest,
-    whole: MotionFit,
+    values: tuple[Contest, MotionFit, float],
     robot: Robot,
     chosen: bool,
 ) -> list[MotionCause]:
-    """Every term that entered, the largest share first."""
+    """Every term that entered, the largest share first.
+
+    values : what gives them, of the same model: fits without each run and of all, and s, by which
+        efforts were stamped earlier than they are
+    """
     power = np.where(state.products.power > 0.0, state.products.power, np.inf)
     excess = float(((before.squares - state.squares) / power).sum())
     found = []
@@ -98,10 +103,10 @@ def causes_of(
         found.append(MotionCause(
             kind, robot.joints[j], own, sure,
             tuple((name, robot.joints[j], weight * sure) for name, weight in rivals),
-            _parameters(state, whole, kind, j), max(grown / excess, 0.0) if excess > 0.0 else 0.0,
+            _parameters(*values, kind, j), max(grown / excess, 0.0) if excess > 0.0 else 0.0,
         ))  # fmt: skip
     if state.model.inertials != "none" and (chosen or question.may(state.model.inertials, 0)):
-        found.append(_of_links(state, whole, robot, excess))
+        found.append(_of_links(state, *values[:2], robot, excess))
     return sorted(found, key=lambda cause: -cause.share)
 
 
@@ -121,13 +126,6 @@ def _rivals(
             worse = state.evidence(squares, now)
             if worse.gain < LEAST or worse.p > _REFUSED:
                 found.append((name, _odds(worse.p)))
-    if (
-        kind == "pre_sliding"
-        and state.products.columns.variants(j, kind)[-1] in state.model.terms[j]
-    ):
-        found.append(("coulomb_friction", 1.0))  # which the shortest distance is
-    if kind == "stribeck_friction" and "coulomb_friction" not in dict(found):
-        found.append(("coulomb_friction", 1.0))  # of another law at low speed
     if kind == "armature" and state.model.inertials == "inertials" and not robot.parents[j]:
         found.append((INERTIALS, 1.0))  # a rotor of the first joint turns as its link does
     return found
@@ -138,7 +136,9 @@ def _odds(p: float) -> float:
     return float(-np.e * p * np.log(p)) if 0.0 < p < 1.0 / np.e else 1.0
 
 
-def _parameters(state: Contest, whole: MotionFit, kind: str, j: int) -> tuple[MotionParameter, ...]:
+def _parameters(
+    state: Contest, whole: MotionFit, late: float, kind: str, j: int
+) -> tuple[MotionParameter, ...]:
     """Values of a term, with deviations by the jackknife over runs."""
     if kind == SCALE:
         return (
@@ -148,9 +148,11 @@ def _parameters(state: Contest, whole: MotionFit, kind: str, j: int) -> tuple[Mo
     for name, variant in state.model.terms[j]:
         count = len(EFFECTS[name].unknowns)
         if name == kind:
-            each = enumerate(EFFECTS[name].unknowns, begin)
-            found = [_jackknifed(u[0], u[1], whole.b[j][i], [own.b[j][i] for own in state.fits])
-                     for i, u in each]  # fmt: skip
+            added = late if name == DELAY else 0.0
+            found = [
+                _jackknifed(*u, whole.b[j][i] + added, [own.b[j][i] + added for own in state.fits])
+                for i, u in enumerate(EFFECTS[name].unknowns, begin)
+            ]
             if name == "pre_sliding":
                 found.append(
                     MotionParameter("distance", "rad", 1.0 / variant, np.nan, np.nan, np.nan)
@@ -170,7 +172,9 @@ def _jackknifed(name: str, unit: str, value: float, others: Sequence[float]) -> 
     return MotionParameter(name, unit, float(value), std, float(value - half), float(value + half))
 
 
-def _of_links(state: Contest, whole: MotionFit, robot: Robot, excess: float) -> MotionCause:
+def _of_links(
+    state: Contest, values: Contest, whole: MotionFit, robot: Robot, excess: float
+) -> MotionCause:
     """The cause that stands for the inertials that are free."""
     fixed = Contest.of(state.products, replace(state.model, inertials="none"), state.weights)
     own, S = state.evidence(fixed.pooled, state.pooled), sizes_of(state.products)
@@ -184,7 +188,7 @@ def _of_links(state: Contest, whole: MotionFit, robot: Robot, excess: float) -> 
             at = k * PER_LINK + i
             parameters.append(_jackknifed(
                 name if payload else f"{robot.joints[k]}.{name}", unit, whole.x[at] * S[at],
-                [f.x[at] * S[at] for f in state.fits],
+                [f.x[at] * S[at] for f in values.fits],
             ))  # fmt: skip
     kind = PAYLOAD if payload else INERTIALS
     return MotionCause(kind, PAYLOAD if payload else "arm", own, 1.0 - min(1.0, own.p), (),

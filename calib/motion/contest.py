@@ -17,7 +17,7 @@ import numpy as np
 from calib.arrays import Array
 from calib.motion.effects import SCALE
 from calib.motion.fit import Inertials, MotionFit, MotionModel, fit, left_out, rigid_torque
-from calib.motion.gram import Products, Term
+from calib.motion.gram import CURVE, LOSSES, Products, Term
 
 LEAST = 0.04
 """Least gain of the squared error, 2 % of the error itself."""
@@ -26,7 +26,7 @@ DELAY = "torque_delay"
 _RIDGES = (1e1, 1e2, 1e3, 1e4)
 _ALIKE = 1.005  # times the squared error of the best ridge
 _USUAL = ("coulomb_friction", "viscous_friction", "armature", "pre_sliding")
-"""Kinds that every drive has, so that their evidence is not that of the best of many."""
+"""Kinds that every drive has, so that their evidence is that of the best of all joints alone."""
 _OF_LINKS = (SCALE, "spring", "torque_offset")  # terms that other links may stand for
 _ROUNDS = 3
 _MOST = 12  # removals and newcomers of one round
@@ -234,8 +234,8 @@ def _late(state: Contest, question: Question) -> Contest:
     return Contest.of(state.products, model, state.weights)
 
 
-def _as_good(late: Contest, risen: Contest) -> bool:
-    return float((late.squares @ risen.weights).sum()) <= float(risen.pooled.sum())
+def _as_good(one: Contest, other: Contest) -> bool:
+    return float((one.squares @ other.weights).sum()) <= float(other.pooled.sum())
 
 
 def _variants(state: Contest, joint: int, kind: str) -> list[Term]:
@@ -256,32 +256,39 @@ def tuned(state: Contest, model: MotionModel, rung: Sequence[str]) -> MotionMode
 
 
 def _with_inertials(state: Contest, question: Question) -> Contest:
-    """The state with the payload free, or all inertials, where that predicts better.
+    """The state with the payload or all inertials free, where that predicts better.
 
-    A spring does the work of a wrong mass: it leaves for all inertials, and enters again where it must.
+    Springs, offsets and scales of several joints do the work of wrong masses: they leave for all
+    inertials, and enter again where they must. They come back alone where they predict as well.
     """
-    if state.model.inertials == "inertials":
-        return state
-    best = state
-    if state.model.inertials == "none" and question.may("payload", 0):
-        payload = _freed(state, state.model, "payload")
-        best = (
-            payload
-            if state.evidence(state.pooled, payload.pooled).stands(question.count)
-            else state
-        )
-    if not question.may("inertials", 0):
-        return best
-    model = state.model
-    for j in range(len(model.terms)):
-        model = taken(model, j, "spring") if question.may("spring", j) else model
-    whole = _freed(state, model, "inertials")
-    if state.evidence(best.pooled, whole.pooled).stands(question.count):
+    model, may_all = state.model, question.may("inertials", 0)
+    if model.inertials == "inertials":
+        if not may_all:
+            return state
+        fixed = Contest.of(state.products, replace(model, inertials="none"), state.weights)
+        fixed = _risen(fixed, question, _OF_LINKS)
+        return fixed if _as_good(fixed, state) else state
+    for kind, j in members(state, question):
+        model = taken(model, j, kind) if kind in _OF_LINKS else model
+    fixed = state
+    if model.inertials == "none" and question.may("payload", 0):
+        payload = _risen(_freed(state, model, "payload"), question, _OF_LINKS)
+        if _over(state, fixed, payload).stands(question.count):
+            fixed = payload
+    if not may_all:
+        return fixed
+    whole = _risen(_freed(state, model, "inertials"), question, _OF_LINKS)
+    evident = judged(fixed, question).items()
+    stand_ins = sum(kind in _OF_LINKS and own.stands() for (kind, _), own in evident)
+    several = stand_ins + (fixed.model.inertials == "payload") > 1
+    if _over(state, fixed, whole).stands(question.count):
         return whole
-    # A payload and springs, or several springs, that together say no more than wrong inertials.
-    stand_ins = sum(holds(state.model, j, "spring") for j in range(len(model.terms)))
-    several = stand_ins + (best.model.inertials == "payload") > 1
-    return whole if several and not state.evidence(whole.pooled, best.pooled).stands() else best
+    return whole if several and not _over(state, whole, fixed).stands() else fixed
+
+
+def _over(state: Contest, one: Contest, other: Contest) -> Evidence:
+    """Evidence for another state over one, both in the weights of a third."""
+    return state.evidence(one.squares @ state.weights, other.squares @ state.weights)
 
 
 def _freed(state: Contest, model: MotionModel, inertials: Inertials) -> Contest:
@@ -316,9 +323,9 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
         pooled = state.evidence(*np.sum(both, axis=0))
         for j, _ in each:
             own = found[kind, j]
-            usual = kind in _USUAL
-            by_kind = pooled.stands(1 if usual else question.count) and own.stands()
-            alone = own.stands(1 if usual else question.count * len(state.model.terms))
+            usual, joints = kind in _USUAL, len(state.model.terms)
+            by_kind = pooled.stands(joints if usual else question.count) and own.stands()
+            alone = own.stands(joints if usual else question.count * joints)
             shown[kind, j] = (
                 own if alone or not by_kind else Evidence(own.gain, min(own.p, pooled.p))
             )
@@ -330,6 +337,10 @@ def judged(state: Contest, question: Question) -> dict[tuple[str, int], Evidence
 def _without(state: Contest, kind: str, j: int) -> Array:
     """Squared error (r,) of a joint without a kind; links that may stand for it are found anew."""
     model = taken(state.model, j, kind)
+    losses = state.products.robot.losses
+    if kind in LOSSES and losses is not None and losses[j, LOSSES.index(kind)]:
+        # What the file has may bend about standstill, and that is no cause.
+        model = model.adding(j, (kind, CURVE))
     if kind in _OF_LINKS and state.model.inertials != "none":
         return np.asarray(Contest.of(state.products, model, state.weights).squares[:, j])
     return state.of_joint(j, model)

@@ -19,10 +19,12 @@ from calib.motion.causes import (
     unseen_terms,
 )
 from calib.motion.contest import (
+    DELAY,
     Contest,
     Question,
     contest,
     given,
+    holds,
     tuned,
 )
 from calib.motion.effects import INERTIALS, KINDS, NAMES, PAYLOAD, SCALE
@@ -207,7 +209,8 @@ def _concluded(
     found = state.products
     whole = fit(found, state.model, state.weights)
     first = fit(found, before.model, before.weights)
-    causes = tuple(causes_of(question, before, state, whole, cell.robot, chosen))
+    values = _values(cell, motions, state, whole)
+    causes = tuple(causes_of(question, before, state, values, cell.robot, chosen))
     held = None
     if heldout is not None:
         kept_out = products_of(cell, heldout, whole=True)
@@ -238,6 +241,25 @@ def _concluded(
         state=state,
         fit=whole,
     )
+
+
+def _values(
+    cell: Cell, motions: Motions, state: Contest, whole: MotionFit
+) -> tuple[Contest, MotionFit, float]:
+    """The model of a contest beside efforts whose delay is taken out, with the fit and that delay.
+
+    The slope of an effort has the slope of its noise, which makes a delay too short.
+    """
+    late = [
+        combination[state.products.columns.of(j, (DELAY, 0.0))[0]]
+        for j, combination in enumerate(whole.combination)
+        if holds(state.model, j, DELAY)
+    ]
+    if not late:
+        return state, whole, 0.0
+    delay = -float(np.median(late))
+    values = Contest.of(products_of(cell, motions.earlier(delay)), state.model)
+    return values, fit(values.products, state.model, values.weights), delay
 
 
 def _verdict(causes: Sequence[MotionCause], rest: str) -> Verdict:

@@ -86,16 +86,19 @@ class TorqueOffset(MotionEffect):
 
 @dataclass(frozen=True)
 class CoulombFriction(MotionEffect):
-    """Friction that only the direction of motion decides."""
+    """Friction that the direction of motion decides, and the parts of it that turn with it slowly.
+
+    Its curve about standstill is no cause: what is named beside must do more than bend it.
+    """
 
     kind = "coulomb_friction"
     sharp = True
-    unknowns = (("friction", "Nm"),)
-    variants = (SLOW, 0.3 * SLOW, 0.1 * SLOW)
+    unknowns = (("friction", "Nm"), ("within_6_mrad_s", "Nm"), ("within_20_mrad_s", "Nm"))
     mjcf, urdf = "frictionloss", "friction"
 
     def columns(self, joint: JointMotion) -> Array:
-        return joint.sign(self.variant)[:, None]
+        sharp, *slow = (joint.sign(width) for width in (0.1 * SLOW, 0.3 * SLOW, SLOW))
+        return np.column_stack([sharp, *(own - sharp for own in slow)])
 
 
 @dataclass(frozen=True)

@@ -185,7 +185,7 @@ def information(products: Products, found: MotionFit, weights: Array) -> Array:
 
 def _inverse(A: Array) -> Array:
     """Of a scaled normal matrix, columns that nothing moves left at zero."""
-    size = np.sqrt(np.diag(A))
+    size = np.sqrt(np.maximum(np.diag(A), 0.0))
     outer = np.outer(size, size)
     outer = np.where(outer > 0.0, outer, np.inf)
     return np.asarray(np.linalg.pinv(A / outer, rcond=_TINY, hermitian=True) / outer)

@@ -24,6 +24,8 @@ Term: TypeAlias = tuple[str, float]
 """A kind of effect and its variant."""
 LOSSES = ("viscous_friction", "coulomb_friction", "armature")
 """Kinds that a robot's file has, in the order of its losses."""
+FILE, CURVE = -1.0, -2.0
+"""Variants of a loss: its first parameter alone, as a file has it, and what shapes it alone."""
 _CHUNK = 20_000  # rows at a time
 
 
@@ -44,8 +46,8 @@ class Columns:
         return np.arange(own.start, own.stop)
 
     def variants(self, joint: int, kind: str) -> list[Term]:
-        """Terms of a kind at a joint."""
-        return [term for term in self.terms[joint] if term[0] == kind]
+        """Terms of a kind at a joint, whole."""
+        return [term for term in self.terms[joint] if term[0] == kind and term[1] >= 0.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +121,10 @@ def columns_of(
                 for variant in kind.variants:
                     own[kind.kind, variant] = slice(at, at + len(kind.unknowns))
                     at += len(kind.unknowns)
+                if kind.kind in LOSSES:
+                    first = at - len(kind.unknowns)
+                    own[kind.kind, FILE] = slice(first, first + 1)
+                    own[kind.kind, CURVE] = slice(first + 1, at)
         terms.append(own)
     width = max(max((s.stop for s in own.values()), default=begin) for own in terms) + 1
     return Columns(inertials, tuple(terms), width)
@@ -150,7 +156,7 @@ def products(
         for j, losses in enumerate(robot.losses.tolist()):
             for kind, loss in zip(LOSSES, losses, strict=True):
                 if loss:
-                    nominal[j, columns.of(j, columns.variants(j, kind)[-1])] += loss
+                    nominal[j, columns.of(j, (kind, FILE))] += loss
     by_kind = {kind.kind: kind for kind in kinds}
     parts, names, fold = list[tuple[Array, ...]](), list[str](), list[int]()
     for run in motions.runs:
@@ -228,6 +234,8 @@ def _terms(
     for j, (joint, terms) in enumerate(zip(joints, columns.terms, strict=True)):
         own = np.zeros((len(samples), columns.width - columns.inertials))
         for (kind, variant), place in terms.items():
+            if variant < 0.0:
+                continue
             at = slice(place.start - columns.inertials, place.stop - columns.inertials)
             found_columns = kinds[kind](variant).columns(joint)
             sharp = kinds[kind].sharp

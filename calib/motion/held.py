@@ -24,7 +24,7 @@ from calib.motion.fit import (
     rigid_torque,
     sizes_of,
 )
-from calib.motion.gram import LOSSES, Products, Term
+from calib.motion.gram import FILE, LOSSES, Products, Term
 from calib.motion.physical import physical
 from calib.motion.regressor import PER_LINK
 
@@ -96,7 +96,7 @@ def _refitted(
 
     def emptied(j: int, kind: str) -> Term:
         """The term of a loss, in the place of the file's value."""
-        term = products.columns.variants(j, kind)[-1]
+        term = kind, FILE
         nominal[j, products.columns.of(j, term)] = 0.0
         return term
 
@@ -124,5 +124,5 @@ def _losses_for(kinds: set[str]) -> list[str]:
 def _losses(products: Products, made: MotionFit) -> Array:
     """Damping, dry friction and armature (n, 3), those of the file where they are not fitted."""
     of, joints = products.columns, range(len(made.g))
-    places = [[int(of.of(j, of.variants(j, kind)[-1])[0]) for kind in LOSSES] for j in joints]
+    places = [[int(of.of(j, (kind, FILE))[0]) for kind in LOSSES] for j in joints]
     return np.asarray(-np.take_along_axis(made.combination, np.array(places), 1) / made.g[:, None])

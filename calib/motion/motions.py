@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -65,6 +65,16 @@ class Motions:
             raise CalibError(f"no session {unknown[0]!r}; there are {', '.join(self.names)}")
         chosen = tuple(run for run in self.runs if run.name in names)
         return Motions(chosen, self.unit, self.warnings)
+
+    def earlier(self, late: float) -> Motions:
+        """With efforts that were stamped so many seconds late."""
+        from scipy.interpolate import CubicSpline
+
+        runs = (
+            replace(run, effort=CubicSpline(run.time - late, run.effort)(run.time))
+            for run in self.runs
+        )
+        return replace(self, runs=tuple(runs))
 
     def split(self, share: float, rng: np.random.Generator | int = 0) -> tuple[Motions, Motions]:
         """Runs to fit, and about this share of them, at least one, to hold out.

@@ -16,7 +16,7 @@ from calib.cell import Cell
 from calib.errors import CalibError, UnknownEffect
 from calib.motion.effects import EFFECTS, INERTIALS, KINDS, NAMES, PAYLOAD, SCALE
 from calib.motion.fit import sizes_of
-from calib.motion.gram import Products, products
+from calib.motion.gram import FILE, LOSSES, Products, products
 from calib.motion.motions import Motions
 from calib.motion.regressor import PER_LINK
 from doe.motions.draw import Motion
@@ -139,8 +139,9 @@ def _columns(
         terms = first.columns.variants(j, kind)
         if not terms:
             raise UnknownEffect(f"{kind} cannot act at {name!r}; state its [robot.gear_ratio]")
-        places = first.columns.of(j, terms[len(terms) // 2]).tolist()
-        for at, (unknown, unit) in zip(places, EFFECTS[kind].unknowns, strict=True):
+        term = (kind, FILE) if kind in LOSSES else terms[len(terms) // 2]
+        places = first.columns.of(j, term).tolist()
+        for at, (unknown, unit) in zip(places, EFFECTS[kind].unknowns, strict=False):
             power = np.mean([own.G[0, j, at, at] / own.counts[0, j] for own in parts])
             size = _SIZE * float(torque[j]) / max(float(power) ** 0.5, 1e-12)
             found[_Column(at, j)] = TorqueParameter(kind, name, unknown, unit, size)

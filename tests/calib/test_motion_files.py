@@ -228,7 +228,7 @@ def test_commands_write_the_robot_and_the_cell(found: MotionDiagnosis, tmp_path:
     said = CliRunner().invoke(main, again)
     assert said.exit_code == 0, said.output
     # Of the true arm nothing is missing, and nothing is written.
-    cell.write_text(CELL.format(truth))
+    cell.write_text(CELL.format(truth) + "[gravity]\nm_s2 = [0.3, -0.2, -9.7]\n")
     said = CliRunner().invoke(
         main, ["diagnose", str(cell), str(table), "--mjcf", str(tmp_path / "no")]
     )

@@ -126,6 +126,8 @@ def _rivals(
             worse = state.evidence(squares, now)
             if worse.gain < LEAST or worse.p > _REFUSED:
                 found.append((name, _odds(worse.p)))
+    if kind == "stribeck_friction" and "coulomb_friction" not in dict(found):
+        found.append(("coulomb_friction", 1.0))  # of another law of speed
     if kind == "armature" and state.model.inertials == "inertials" and not robot.parents[j]:
         found.append((INERTIALS, 1.0))  # a rotor of the first joint turns as its link does
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass, field
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ from calib.keys import NotNegativeMetres, Point, Positive, PositiveMetres, TomlT
 from calib.noise import Noise
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Tracker(Instrument):
     """Points in the frame of its station, turned and shifted against the base anyhow.
 
@@ -40,17 +40,26 @@ class Tracker(Instrument):
 
     noise: Noise = field(default_factory=lambda: Noise.isotropic(1.0))
     stands: Array | None = None
-    sigma: InitVar[float | None] = None
     kind: ClassVar[str] = "points"
     rows: ClassVar[int] = 3
     unknowns: ClassVar[tuple[Unknown, ...]] = FRAME
     columns: ClassVar[tuple[ReadingColumn, ...]] = tuple(ReadingColumn(c, "length") for c in "xyz")
     stationed: ClassVar[bool] = True
 
-    def __post_init__(self, sigma: float | None) -> None:
-        """Take ``sigma`` for the noise where it is given."""
-        if sigma is not None:
-            object.__setattr__(self, "noise", Noise.isotropic(sigma))
+    def __init__(
+        self,
+        sigma: float = 1.0,
+        noise: Noise | None = None,
+        stands: Array | None = None,
+        **named: Any,
+    ) -> None:
+        """Make a tracker of its noise; the other fields are those of any instrument.
+
+        sigma : m, of every coordinate at any range, where no ``noise`` is given
+        """
+        super().__init__(**named)
+        object.__setattr__(self, "noise", noise or Noise.isotropic(sigma))
+        object.__setattr__(self, "stands", stands)
 
     @staticmethod
     def placement(place: Array) -> tuple[Array, Array]:

@@ -148,20 +148,20 @@ def crossed(
 def unsupported(stage: Stage, fit: Fit, active: Sequence[Candidate]) -> dict[str, Why]:
     """Keys of the causes of a fit with which left-out poses are predicted no better, and why.
 
-    The one that gains least goes first: of two that do the same neither gains beside the other.
+    Of two that follow the clock alike neither gains beside the other: the better one is asked alone.
     """
     each = {way: CrossValidation.of(stage, fit, way) for way in (False, True)}
     found: dict[str, Why] = {}
-    while True:
-        kept = [c for c in active if c.key not in found]
-        gone = [c.effect for c in active if c.key in found]
-        in_vain: list[tuple[float, Candidate]] = []
-        for c in kept:
-            own = [o.effect for o in with_curves(c, kept)]
-            errors = each[c.depends_on in BY_TIME].errors(own, gone)
-            if not errors.earns:
-                in_vain.append((errors.without - errors.with_it, c))
-        if not in_vain:
-            return found
-        _, least = min(in_vain, key=lambda pair: pair[0])
-        found[least.key] = "time" if least.depends_on in BY_TIME else "configurations"
+    for c in active:
+        timed = c.depends_on in BY_TIME
+        if not each[timed].errors([o.effect for o in with_curves(c, active)]).earns:
+            found[c.key] = "time" if timed else "configurations"
+    lost = [c for c in active if c.named and found.get(c.key) == "time"]
+    if len(lost) > 1:
+        alone = [
+            each[True].errors([c.effect], [o.effect for o in lost if o is not c]) for c in lost
+        ]
+        best = int(np.argmin([errors.with_it for errors in alone]))
+        if alone[best].earns:
+            del found[lost[best].key]
+    return found

@@ -108,12 +108,17 @@ def budget_of(
     """
     model, values = working_points(found.model), found.values
     _, J = model.jacobian_at_rest(values, targets)
-    roots = half(found.covariance), half(found.ignorance)
-    moved = [J @ root for root in roots]
     m, M = J.shape[:2]
-    spreads = [each.reshape(m, 3 * M, each.shape[-1]) / np.sqrt(M) for each in moved]
-    beside = () if estimate is None else _beside(found, estimate, targets, M)
-    return Budget(weights, (*_of_calibration(found, *spreads), *beside))
+
+    def spread(square: Array) -> Array:
+        """Of errors (m, 3 M, k) by a mean square (p, p) of what the values are off by."""
+        return np.asarray((J @ half(square)).reshape(m, 3 * M, -1) / np.sqrt(M))
+
+    parts = list(_of_calibration(found, spread(found.covariance), spread(found.ignorance)))
+    if estimate is not None:
+        trend = None if estimate.trend is None else spread(estimate.trend)
+        parts += _beside(found, estimate, targets, M, trend)
+    return Budget(weights, tuple(parts))
 
 
 def _of_calibration(
@@ -129,9 +134,12 @@ def _of_calibration(
 
 
 def _beside(
-    found: Identification, estimate: Estimate, targets: Poses, points: int
+    found: Identification, estimate: Estimate, targets: Poses, points: int, trend: Array | None
 ) -> Iterator[UncertaintySource]:
-    """The arm's scatter and the model discrepancy, which move the points of a target as one."""
+    """The arm's scatter and the model discrepancy, which move the points of a target as one.
+
+    trend : ndarray, shape (m, 3 M, k), m, spread of what the trend of the day adds, None without one
+    """
     error, rest = ExpectedError(estimate, targets), estimate.discrepancy
     as_one = np.tile(np.eye(3), (points, 1)) / np.sqrt(3.0 * points)
     if error.arm.any():
@@ -143,11 +151,12 @@ def _beside(
             of="arm",
         )  # fmt: skip
     lacks = f"what the model lacks, from {rest.source if rest.rms else 'the fitted poses'}"
-    trend = "trend of the day, carried on to the targets' time"
-    for name, own in ((lacks, error.discrepancy), (trend, error.trend)):
-        if own.any():
-            spread = own[:, None, None] * as_one
-            yield UncertaintySource(name, "A", spread, _poses_behind(found), of="model")
+    if error.discrepancy.any():
+        spread = error.discrepancy[:, None, None] * as_one
+        yield UncertaintySource(lacks, "A", spread, _poses_behind(found), of="model")
+    if trend is not None:
+        name = "trend of the day, carried on to the targets' time"
+        yield UncertaintySource(name, "A", trend, _poses_behind(found), of="model")
     for one, spread in error.by_effect:
         if spread.any():
             name = f"{one.kind}, never measured"

@@ -82,6 +82,8 @@ def test_what_was_drawn_makes_the_torque(family: str, tmp_path: Path) -> None:
     written(own, tmp_path)
     cell = calib.load_cell(tmp_path / "cell.toml")
     found = calib.diagnose(cell, load_motions(cell, tmp_path / "motion.csv"))
-    assert family in {cause.effect for cause in found.causes}
+    named = {(c.effect, c.where) for c in found.causes}
+    named |= {rival[:2] for c in found.causes for rival in c.rivals}
+    assert family in {effect for effect, _ in named}
     assert all(c.standing == "one_of" for c in found.causes if c.effect != family)
-    assert {(c.effect, c.where) for c in own.causes} <= {(c.effect, c.where) for c in found.causes}
+    assert {(c.effect, c.where) for c in own.causes} <= named

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.arm.robot import Robot
 from calib.arrays import Array
+from calib.effects.context import ARM
 from calib.motion.contest import (
     DELAY,
     LEAST,
@@ -98,11 +99,12 @@ def causes_of(
         without = state.of_joint(j, taken(state.model, j, kind))
         grown = float((without - state.squares[:, j]).sum() / power[j])
         rivals = [] if chosen else _rivals(question, state, robot, kind, j)
+        here = robot.joints[j]
         odds = [1.0, *(weight for _, weight in rivals)]
         sure = (1.0 - min(1.0, own.p)) / sum(odds)
         found.append(MotionCause(
-            kind, robot.joints[j], own, sure,
-            tuple((name, robot.joints[j], weight * sure) for name, weight in rivals),
+            kind, here, own, sure,
+            tuple((n, ARM if n == INERTIALS else here, weight * sure) for n, weight in rivals),
             _parameters(*values, kind, j), max(grown / excess, 0.0) if excess > 0.0 else 0.0,
         ))  # fmt: skip
     if state.model.inertials != "none" and (chosen or question.may(state.model.inertials, 0)):
@@ -195,7 +197,7 @@ def _of_links(
                 [f.x[at] * S[at] for f in values.fits],
             ))  # fmt: skip
     kind = PAYLOAD if payload else INERTIALS
-    return MotionCause(kind, PAYLOAD if payload else "arm", own, 1.0 - min(1.0, own.p), (),
+    return MotionCause(kind, PAYLOAD if payload else ARM, own, 1.0 - min(1.0, own.p), (),
                        tuple(parameters), grown / excess if excess > 0.0 else 0.0)  # fmt: skip
 
 

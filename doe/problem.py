@@ -208,6 +208,7 @@ def _targets(regressor: Regressor, request: Request) -> tuple[Poses, Array, Arra
     try:
         check_targets(cell, targets)
     except CalibError as error:
-        raise InputError((*cell.named_files, cell.path)[0], "", str(error)) from None
+        own = cell.design.targets
+        raise InputError(cell.path if own is None else own.path, "", str(error)) from None
     rows = target_rows(regressor.model, regressor.values, targets, request.at_markers)
     return targets, rows @ regressor.T, weights / weights.sum()

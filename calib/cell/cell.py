@@ -217,7 +217,8 @@ class Cell:
     @property
     def targets_in_words(self) -> str:
         """The targets: where they come from, or what stands for them."""
-        return str([*self.named_files, "200 poses spread over the joint limits"][0])
+        own = self.design.targets
+        return "200 poses spread over the joint limits" if own is None else str(own.path)
 
     @property
     def channels(self) -> Channels:

@@ -68,7 +68,8 @@ class CrossValidation:
 
     def errors(self, own: Sequence[Effect], gone: Sequence[Effect] = ()) -> PredictionErrors:
         """Errors with and without some of the effects, others being gone."""
-        left, less = self._predicted(gone), self._predicted([*gone, *own])
+        left = self._predicted(gone) if gone else self._whole
+        less = self._predicted([*gone, *own])
         errors = np.stack([left, less], axis=-1)
         if self.fit.mixing is not None:
             errors = self.fit.mixing(errors)
@@ -98,6 +99,10 @@ class CrossValidation:
     @cached_property
     def _folds(self) -> list[IntArray]:
         return [np.flatnonzero(self.fold == f) for f in range(int(self.fold.max()) + 1)]
+
+    @cached_property
+    def _whole(self) -> Array:
+        return self._predicted(())
 
     def _predicted(self, gone: Sequence[Effect]) -> Array:
         """Residuals (m, R) of poses as the others predict them, some effects being gone."""

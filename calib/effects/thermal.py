@@ -93,7 +93,7 @@ class LateExpansion(Tuned, ThermalExpansion):
         return np.zeros((*np.shape(tuning), len(poses), 1))
 
     def grid(self, poses: Poses) -> Array:
-        return np.zeros(0) if poses.lagged is None else LAGS[1:]
+        return np.zeros(0) if poses.lagged is None else LAGS
 
 
 def translations(robot: Robot) -> Array:

@@ -34,6 +34,7 @@ from calib.motion.effects import parted
 
 _UNKNOWN = 3 * (np.nan,)
 _LARGEST_BOARD = 50.0  # m
+_ROUNDED = 1e-9  # rad or m
 _CORNERS = corners_of(np.eye(3), np.zeros(3))
 
 
@@ -51,7 +52,7 @@ def load_cell(path: str | Path) -> Cell:
             parse_effect(text)
     except UnknownEffect as error:
         raise InputError(path, "model.effects", str(error)) from None
-    shapes = {name: _shape(name, board) for name, board in table.boards.items()}
+    shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
     bodies, seats = _bodies(table, shapes), _seats(table)
     slices = _slices(len(table.markers_mm), (*bodies.values(), *seats.values()))
     parts = dict(zip(bodies, slices, strict=False))
@@ -146,10 +147,13 @@ _Riding = tuple[tuple[str, ...], Array, str]
 """The same, and the link on which they ride."""
 
 
-def _shape(name: str, board: BoardTable) -> _Points:
-    """Points of a board; one that lies where no board reaches is none of it."""
+def _shape(path: Path, name: str, board: BoardTable) -> _Points:
+    """Points of a board; one that lies where no board reaches is none of it. Raises InputError."""
     names, points = board.shape()
     near = np.abs(points - np.median(points, axis=0)).max(axis=1) < _LARGEST_BOARD
+    if not near.any():
+        what = "lie farther apart than those of any board"
+        raise InputError(path, f"boards.{name}.points_mm", what, "give them in mm")
     return tuple(f"{name}:{point}" for point in itertools.compress(names, near)), points[near]
 
 
@@ -246,7 +250,12 @@ def _robot(path: Path, table: CellFile) -> Robot:
                 limits[j] = narrowed
             else:
                 (speeds if key.startswith("speed") else accelerations)[j] = value * scale
-    return replace(robot, limits=limits, speeds=speeds, accelerations=accelerations)
+    robot = replace(robot, limits=limits, speeds=speeds, accelerations=accelerations)
+    for name, (low, high) in zip(robot.joints, robot.sample_limits(), strict=True):
+        if low > high + _ROUNDED:
+            what = f"limits leave nothing to {name}, which moves with others"
+            raise InputError(path, "robot", what, "widen those in the cell or robot's file")
+    return robot
 
 
 def _frame(robot: Robot, on: str) -> int:

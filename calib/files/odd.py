@@ -52,7 +52,7 @@ def odd_cell(cell: Cell) -> Iterator[str]:
 
 
 def odd_readings(path: Path, cell: Cell, poses: Poses) -> Iterator[str]:
-    """Times that look like milliseconds, and loads that nothing in the model feels."""
+    """Times that look like milliseconds, and loads that nothing in the model feels, or that lack."""
     if poses.time is not None and len(poses) >= _LEAST_ROWS:
         times = np.unique(poses.time)
         gap, day = float(np.median(np.diff(times, prepend=times[:1]))), np.ptp(times)
@@ -67,6 +67,12 @@ def odd_readings(path: Path, cell: Cell, poses: Poses) -> Iterator[str]:
         yield (
             f"{path}: fx_N .. mz_Nm: nothing in [model] effects yields to this wrench, so that it "
             "does nothing: add joint_compliance, or see what posecal diagnose finds"
+        )
+    repeats = poses.configuration.max(initial=-1) + 1 < len(poses)
+    if cell.load is not None and not poses.wrench.any() and repeats:
+        yield (
+            f"{path}: no reading bears a load, though joints repeat and the cell has a [load]; that "
+            "one is for plans: readings under load need columns fx_N .. mz_Nm"
         )
 
 

@@ -17,7 +17,6 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.poses import LAGS, Measurements, Poses, poses_at
 
 _MOVED = 1e-5  # rad or m: less is the trembling of a servo, and turns no gear round
-_AT_ONCE = 1e-9  # s
 _LONGEST = 3600.0  # s without a reading, in which the arm may have gone anywhere
 
 
@@ -72,7 +71,7 @@ def followed(temperature: Array, time: Array, fresh: Mask) -> Array:
     It is in balance where a session begins: fresh, shape (m,), in the order of time (m,), s.
     """
     late = np.repeat(temperature[:, None], len(LAGS), axis=1)
-    kept = np.exp(-np.diff(time, prepend=time[:1])[:, None] / np.maximum(LAGS, _AT_ONCE))
+    kept = np.exp(-np.diff(time, prepend=time[:1])[:, None] / LAGS)
     for i in np.flatnonzero(~fresh):
         late[i] += kept[i] * (late[i - 1] - late[i])
     return late

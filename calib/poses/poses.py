@@ -13,7 +13,7 @@ from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.errors import CalibError
 from calib.result import Result
 
-LAGS = 60.0 * np.array([0.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 180.0])
+LAGS = 60.0 * np.array([5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 180.0])
 """Time constants, s, at which it is known what follows the temperature late."""
 _SAME_JOINTS = 1e-7  # rad or m; finer than any controller prints
 

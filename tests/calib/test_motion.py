@@ -19,7 +19,6 @@ from calib.motion.effects import KINDS, JointMotion, presliding
 from calib.motion.filtering import filtered
 from calib.motion.motions import Motions, Run
 from calib.motion.regressor import nominal_inertials, regressor
-from studies.research.bench import data_folder
 from studies.results.motion import MotionResult
 
 ARM = """<mujoco model="arm"><option gravity="0.3 -0.2 -9.7"/><worldbody><body name="base">
@@ -263,16 +262,17 @@ cutoff_hz = {}
 """
 
 
-def real_cell(folder: Path, name: str, base: str, tip: str, cutoff: float) -> Cell:
+def real_cell(folder: Path, real: Path, base: str, tip: str, cutoff: float) -> Cell:
     path = folder / "cell.toml"
-    path.write_text(CELL.format(data_folder(name) / "robot.urdf", base, tip, cutoff))
+    path.write_text(CELL.format(real / "robot.urdf", base, tip, cutoff))
     return calib.load_cell(path)
 
 
 @pytest.fixture(scope="module")
-def ur10e(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Motions]:
-    cell = real_cell(tmp_path_factory.mktemp("ur10e"), "ur10e_motion", "base_link", "tool0", 8.0)
-    return cell, load_motions(cell, data_folder("ur10e_motion") / "motion.csv")
+def ur10e(tmp_path_factory: pytest.TempPathFactory, data: Path) -> tuple[Cell, Motions]:
+    folder, real = tmp_path_factory.mktemp("ur10e"), data / "ur10e_motion"
+    cell = real_cell(folder, real, "base_link", "tool0", 8.0)
+    return cell, load_motions(cell, real / "motion.csv")
 
 
 def test_a_real_arm_needs_friction_armature_and_other_links(ur10e: tuple[Cell, Motions]) -> None:
@@ -311,10 +311,10 @@ def test_the_result_is_its_json(ur10e: tuple[Cell, Motions]) -> None:
     assert "The torques need" in made.summary()
 
 
-def test_two_short_runs_are_judged_by_stretches(tmp_path: Path) -> None:
+def test_two_short_runs_are_judged_by_stretches(tmp_path: Path, data: Path) -> None:
     """A KR300, ten seconds twice, each predicted by the other: 78 % by its URDF."""
-    cell = real_cell(tmp_path, "kr300_motion", "base", "link6", 10.0)
-    found = diagnose_motions(cell, load_motions(cell, data_folder("kr300_motion") / "motion.csv"))
+    cell = real_cell(tmp_path, data / "kr300_motion", "base", "link6", 10.0)
+    found = diagnose_motions(cell, load_motions(cell, data / "kr300_motion" / "motion.csv"))
     assert found.blocks
     assert TorqueGap.overall(found.crossed.after) < 0.2
     assert {"viscous_friction", "armature"} <= {own.effect for own in found.causes}

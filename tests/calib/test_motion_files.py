@@ -77,10 +77,10 @@ def test_the_mjcf_gives_the_torques_of_the_fit(found: MotionDiagnosis, tmp_path:
 
 
 @pytest.fixture(scope="module")
-def real(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, MotionDiagnosis]:
+def real(tmp_path_factory: pytest.TempPathFactory, data: Path) -> tuple[Cell, MotionDiagnosis]:
     """An UR10e whose free estimate is no set of bodies."""
     folder = tmp_path_factory.mktemp("ur10e")
-    cell = real_cell(folder, "ur10e_motion", "base_link", "tool0", 8.0)
+    cell = real_cell(folder, data / "ur10e_motion", "base_link", "tool0", 8.0)
     motions = load_motions(cell, cell.robot.source.files[0].with_name("motion.csv"))
     cell = replace(cell, motion=replace(cell.motion, effects=(
         "coulomb_friction", "viscous_friction", "armature", "pre_sliding", "inertials",

@@ -26,7 +26,7 @@ from calib.scatter import Owner
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Source = Literal["stated", "measured", "assumed"]
 
-_NO_LARGER = 1.25  # times the repeatability: both are estimates
+_NO_LARGER = 1.25  # times a repeatability that is known: what remains is an estimate
 _COORDINATES = 3  # of the tip that an approach shows
 _BROKEN = 10.0  # times the worst data sheet: whatever does so is not how an arm repeats
 _BLUNDERS = 0.05  # of the poses: more that were left out are none
@@ -98,7 +98,7 @@ def _judged(finding: Finding, structure: bool, more: float = 0.0) -> Rest:
         case "stated":
             large = fixed > _NO_LARGER * arm
         case "measured":
-            large = fixed > _NO_LARGER * _at_most(stage, fit, arm, noise)
+            large = fixed > _at_most(stage, fit, arm, noise)
             large = large or arm > _BROKEN * usual_repeatability(stage.model.robot.reach).worst
         case "assumed":
             arm = usual_repeatability(stage.model.robot.reach).worst

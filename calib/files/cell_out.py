@@ -157,7 +157,7 @@ def cell_with_terms(found: MotionDiagnosis, target: Path) -> tuple[str, list[str
     from calib.motion.effects import INERTIALS, PAYLOAD
 
     places = dict[str, list[str]]()
-    for cause in found.causes:
+    for cause in found.fitted_causes:
         places.setdefault(cause.effect, []).append(cause.where)
     added = [
         kind

@@ -42,9 +42,14 @@ class Evidence:
     gain: float
     p: float
 
+    @property
+    def helps(self) -> bool:
+        """Whether parts that are left out are predicted better with it, be it by chance."""
+        return self.gain > LEAST
+
     def stands(self, count: int = 1) -> bool:
         """Whether it is there, as one of so many that were asked."""
-        return self.gain > LEAST and self.p < ALPHA / count
+        return self.helps and self.p < ALPHA / count
 
 
 def evidence(without: Array, with_it: Array, in_stretches: bool = False) -> Evidence:
@@ -181,8 +186,12 @@ class Question:
 
 
 def contest(products: Products, model: MotionModel, question: Question) -> Contest:
-    """Climb the ladder, then exchange and remove until all that is left stands."""
+    """Climb the ladder, then exchange and remove until all that is left stands.
+
+    A round after which left-out parts are predicted worse than after the one before does not count.
+    """
     state = Contest.of(products, model)
+    best = None
     for _ in range(_ROUNDS):
         before = state.model
         for rung in question.rungs:
@@ -193,6 +202,9 @@ def contest(products: Products, model: MotionModel, question: Question) -> Conte
                 risen = _risen(late, question, rung) if _as_good(late, risen) else risen
             state = risen
         state = _reduced(state, question)
+        if best is not None and _over(state, state, best).helps:
+            return best
+        best = state
         if state.model == before:
             break
     return state
@@ -212,7 +224,7 @@ def _risen(state: Contest, question: Question, rung: Sequence[str]) -> Contest:
             if not better:
                 continue
             squares, term = min(better, key=lambda pair: float(pair[0].sum()))
-            if state.evidence(own, squares).gain > LEAST and squares.sum() < own.sum():
+            if state.evidence(own, squares).helps and squares.sum() < own.sum():
                 model = given(model, j, term)
     model = tuned(state, model, rung)
     return state if model == state.model else Contest.of(state.products, model)
@@ -350,18 +362,21 @@ def _clocks(
     state: Contest, shown: dict[tuple[str, int], Evidence]
 ) -> dict[tuple[str, int], Evidence]:
     """The evidence, a delay refused that most joints do not show: one clock stamps them all."""
-    late = [
-        key for key, own in shown.items() if key[0] == DELAY and own.p < ALPHA and own.gain > LEAST
-    ]
+    late = [key for key, own in shown.items() if key[0] == DELAY and own.stands()]
     if 2 * len(late) > len(state.model.terms):
         return shown
     return {k: Evidence(e.gain, max(e.p, ALPHA)) if k[0] == DELAY else e for k, e in shown.items()}
 
 
 def _reduced(state: Contest, question: Question) -> Contest:
-    """The state without what does not stand, the weakest first."""
+    """The state without what does not stand, the weakest first.
+
+    Stretches of one run or two are too few and too unlike for a test: what helps stays in the fit.
+    """
+    few = state.products.in_stretches
     for _ in range(_MOST * len(state.model.terms)):
-        weak = {k: e for k, e in judged(state, question).items() if e.p >= ALPHA or e.gain <= LEAST}
+        shown = judged(state, question).items()
+        weak = {k: e for k, e in shown if not (e.helps if few else e.stands())}
         if not weak:
             break
         (kind, j), _ = max(weak.items(), key=lambda pair: (pair[1].p, -pair[1].gain))

@@ -74,6 +74,8 @@ class TorqueGap:
 class MotionDiagnosis:
     """Result of :func:`diagnose_motions`.
 
+    causes, possible : terms that were found, and those with which left-out stretches are predicted
+        better by no more than chance may: all are fitted
     runs : of each part that evidence stands on its run; blocks : whether parts are stretches of runs
     fitted, heldout, crossed : TorqueGap, heldout None where nothing was
     floor : share of the torque that the sensors' noise is, quadratic mean over joints
@@ -85,6 +87,7 @@ class MotionDiagnosis:
     cell: Cell
     verdict: Verdict
     causes: tuple[MotionCause, ...]
+    possible: tuple[MotionCause, ...]
     fitted: TorqueGap
     crossed: TorqueGap
     heldout: TorqueGap | None
@@ -103,6 +106,11 @@ class MotionDiagnosis:
     def gap(self) -> TorqueGap:
         """At held-out runs where there are any."""
         return self.crossed if self.heldout is None else self.heldout
+
+    @property
+    def fitted_causes(self) -> tuple[MotionCause, ...]:
+        """All terms that the model was fitted with."""
+        return self.causes + self.possible
 
 
 def diagnose_motions(
@@ -210,7 +218,9 @@ def _concluded(
     whole = fit(found, state.model, state.weights)
     first = fit(found, before.model, before.weights)
     values = _values(cell, motions, state, whole)
-    causes = tuple(causes_of(question, before, state, values, cell.robot, chosen))
+    fitted_causes = causes_of(question, before, state, values, cell.robot, chosen)
+    causes = tuple(c for c in fitted_causes if chosen or c.evidence.stands())
+    possible = tuple(c for c in fitted_causes if c not in causes)
     held = None
     if heldout is not None:
         kept_out = products_of(cell, heldout, whole=True)
@@ -225,8 +235,9 @@ def _concluded(
     rest: Literal["none", "structure"] = "none" if after < _NOISE * floor else "structure"
     return MotionDiagnosis(
         cell=cell,
-        verdict=_verdict(causes, rest),
+        verdict=_verdict(causes, "structure" if possible else rest),
         causes=causes,
+        possible=possible,
         fitted=fitted,
         crossed=crossed,
         heldout=held,

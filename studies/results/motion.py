@@ -120,7 +120,7 @@ class TorqueErrors(GapErrors):
             fit_after_mm=100.0 * of(found.fitted.after),
             heldout_before_mm=None if held is None else 100.0 * first,
             heldout_after_mm=None if held is None else 100.0 * last,
-            heldout_rose=None if held is None or not found.causes else last >= first,
+            heldout_rose=None if held is None or not found.fitted_causes else last >= first,
             crossvalidated_before_mm=100.0 * of(found.crossed.before),
             crossvalidated_after_mm=100.0 * of(found.crossed.after),
             over_time_before_mm=None,
@@ -187,6 +187,7 @@ class MotionResult(Result):
     verdict: Literal["no_gap", "explained", "partly", "ambiguous", "unknown"]
     effort: Literal["Nm", "A"]
     effects: tuple[TorqueTerm, ...]
+    possible: tuple[TorqueTerm, ...] = ()
     rest: TorqueRest
     located: tuple[LocatedPlace, ...]
     gap: TorqueErrors
@@ -221,6 +222,7 @@ class MotionResult(Result):
             verdict=found.verdict,
             effort=found.unit,
             effects=tuple(TorqueTerm.of(cause, found.unit) for cause in found.causes),
+            possible=tuple(TorqueTerm.of(cause, found.unit) for cause in found.possible),
             rest=TorqueRest(percent=100.0 * left, kind=found.rest,
                             of="instrument" if found.rest == "none" else "model"),
             located=tuple(_located(joints, gap.after)) if found.rest == "structure" else (),

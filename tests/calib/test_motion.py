@@ -318,3 +318,9 @@ def test_two_short_runs_are_judged_by_stretches(tmp_path: Path, data: Path) -> N
     assert found.blocks
     assert TorqueGap.overall(found.crossed.after) < 0.2
     assert {"viscous_friction", "armature"} <= {own.effect for own in found.causes}
+    one, other = (load_motions(cell, data / "kr300_motion" / "motion.csv").take([n]) for n in "AB")
+    apart = diagnose_motions(cell, one, heldout=other)
+    assert TorqueGap.overall(apart.gap.after) < 0.25  # 82 % before
+    assert all(own.evidence.stands() for own in apart.causes)
+    assert apart.possible
+    assert not any(own.evidence.stands() for own in apart.possible)

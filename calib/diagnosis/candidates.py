@@ -33,7 +33,7 @@ class Candidate:
     odds : float, how often it is met at its place, beside a cause that any arm may have
     twin_odds : float, how often it is the cause where the readings do not tell it from another
     line : int, its number among causes of its kind at its place
-    echo : str, key of the cause in whose place it stands with the same tuning; itself none
+    echo : str, key of the cause in whose place it stands, at the tuning that is best there
     also : tuple of Candidate, other names for the same: no reading tells them from it
     """
 

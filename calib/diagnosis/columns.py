@@ -159,12 +159,10 @@ class CandidateSet:
             line = 1 + max((c.line for c in active if c.is_like(grid.candidate)), default=0)
             if line > grid.forms[0].effect.lines:
                 continue
-            carrier = self._carrier(grid)
-            scan = carried(beside, carrier)
-            best, functions = grid.scanned(scan).best(scan, self.count)
+            best, rows = self._best(grid, beside)
             best = replace(best, line=line)
             if best.key not in self.closed:
-                yield best, times(carrier, functions)
+                yield best, rows
 
     def rows_of(self, candidate: Candidate) -> Array:
         """Whitened derivatives (m, R, k) by a candidate, at its tuning."""
@@ -174,14 +172,25 @@ class CandidateSet:
         grid = next(g for g in self.grids if g.candidate.is_like(candidate))
         return at_tuning(effect, self._carrier(grid), self.poses)
 
-    def echoes(self, active: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array]]:
-        """Causes at the tunings of others that follow the clock alike, and their rows (m, R, k).
+    def in_place_of(
+        self, member: Candidate, beside: Complement
+    ) -> Iterator[tuple[Candidate, Array]]:
+        """Causes that follow the clock, at the tunings that are best without a member, and their rows.
 
-        A camera that moved follows it as a step of the base does.
+        A base that warms up slowly drifts; a camera that moved follows the clock as its step does.
+        beside : what the readings leave beside all that is in but the member
         """
         for grid in self.grids:
-            for c in _at_tunings_of(grid.candidate, active):
-                yield c, at_tuning(c.effect, self._carrier(grid), self.poses)
+            if isinstance(grid.candidate.effect, Timed) and not grid.candidate.is_like(member):
+                best, rows = self._best(grid, beside)
+                yield replace(best, line=0, echo=member.key), rows
+
+    def _best(self, grid: TuningGrid, beside: Complement) -> tuple[Candidate, Array]:
+        """The best form and tuning of a grid, and its rows (m, R, k)."""
+        carrier = self._carrier(grid)
+        scan = carried(beside, carrier)
+        best, functions = grid.scanned(scan).best(scan, self.count)
+        return best, times(carrier, functions)
 
     def _carrier(self, grid: TuningGrid) -> Array:
         """Whitened derivatives (m, R, b) by the carrier of a grid."""
@@ -250,16 +259,6 @@ def columns_at(
             own = rows.reshape(*own.shape[:-1], -1)
         found.append(own)
     return J[..., : len(values)], found
-
-
-def _at_tunings_of(candidate: Candidate, active: Sequence[Candidate]) -> Iterator[Candidate]:
-    """A cause as it would be in the place of others that follow the clock alike."""
-    mine = candidate.effect
-    for c in active:
-        if not (isinstance(mine, Timed) and isinstance(c.effect, Timed)) or c.is_like(candidate):
-            continue
-        if type(mine).functions is type(c.effect).functions:
-            yield replace(candidate.as_tuned(c.effect.tuning), line=0, echo=c.key)
 
 
 def at_tuning(effect: Effect, carrier: Array, poses: Poses) -> Array:

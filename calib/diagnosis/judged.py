@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from calib.arrays import IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
+from calib.diagnosis.regression import CandidateColumns
 from calib.diagnosis.state import Members, Scored, SelectedEffect, SelectionState
 from calib.inference.evidence import f_tail, score_test
 
@@ -48,13 +49,8 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
     choice = 2.0 * float(np.log(state.problem.candidates.asked))  # the same for all
     for member in state.members:
         beside, rest = state.without(member)
-        asked = [
-            c
-            for c in state.eligible(rest)
-            if c.candidate.key == member.key
-            or (not c.candidate.is_like(member.candidate) and c.candidate.echo in ("", member.key))
-        ]
-        scores = state.scores(beside, asked)
+        others = in_place_of(member.candidate, state.eligible(rest))
+        scores = state.scores(beside, [member.own, *others])
         near = [s for s in scores if s[0] > scores[0][0] - CLOSE]
         near = state.answered(beside, near, state.slope_without(member, beside))
         own = next(gain for gain, one in scores if one.key == member.key)
@@ -63,6 +59,13 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
         fall, p = _tested(beside, member.own.columns)
         gain = next(gain for c, gain in rivals if c.key == member.key)
         yield JudgedCandidate(member, gain, fall, min(1.0, p * member.candidate.tried), rivals)
+
+
+def in_place_of(cause: Candidate, among: Sequence[CandidateColumns]) -> list[CandidateColumns]:
+    """Candidates of another kind or place, each once: with the tuning that is best in its place."""
+    tuned = [c for c in among if c.candidate.echo == cause.key]
+    free = [c for c in among if not c.candidate.echo and not c.candidate.is_like(cause)]
+    return [c for c in free if not any(c.candidate.is_like(t.candidate) for t in tuned)] + tuned
 
 
 def _found_anew(

@@ -98,18 +98,22 @@ class RegressionProblem:
         return self._with(list(self._tuned(members)))
 
     def scanned(
-        self, members: Sequence[tuple[Candidate, float]], theta: Array, echoes: bool = False
+        self, members: Sequence[tuple[Candidate, float]], theta: Array, rivals: bool = False
     ) -> RegressionProblem:
         """The problem with members' tunings, and the best of each grid beside them.
 
-        members : candidates with their amplitudes; echoes : whether with other causes at these tunings
+        members : candidates with their amplitudes; rivals : whether also with what follows the clock
+            in the place of each that does
         """
         present, tunings = [c for c, _ in members], list[tuple[Candidate, Array]]()
         if self.candidates.grids:
             beside = self._linear(members, theta).complement
             tunings += self.candidates.tunings(beside, present)
-        if echoes:
-            tunings += self.candidates.echoes(present)
+        for c in present if rivals and self.candidates.grids else ():
+            if c.named and c.depends_on == "time":
+                rest = [own for own in members if not (own[0] is c or own[0].covers(c))]
+                beside = self._linear(rest, theta).complement
+                tunings += self.candidates.in_place_of(c, beside)
         return self._with([*self._tuned(present), *tunings])
 
     def narrowed(self, keys: Collection[str]) -> RegressionProblem:

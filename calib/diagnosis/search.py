@@ -40,7 +40,7 @@ class Outcome:
     @cached_property
     def judged(self) -> SelectionState:
         """The state with what could take the place of its members, at the best tunings."""
-        return self.state.scanned(echoes=True)
+        return self.state.scanned(rivals=True)
 
     @property
     def suspects(self) -> tuple[Candidate, ...]:

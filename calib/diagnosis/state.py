@@ -163,13 +163,13 @@ class SelectionState:
         objective = found.objective + sum(self.price(m.candidate) for m in last)
         return replace(self, members=last, theta=theta, objective=objective, fresh=False)
 
-    def scanned(self, echoes: bool = False) -> SelectionState:
+    def scanned(self, rivals: bool = False) -> SelectionState:
         """The state with all candidates, at the tunings that are best beside its members.
 
-        echoes : whether with what other causes would be at the members' tunings
+        rivals : whether also with what follows the clock in the place of each member that does
         """
         present = [(m.candidate, m.amplitude) for m in self.members]
-        problem = self.problem.scanned(present, self.theta, echoes)
+        problem = self.problem.scanned(present, self.theta, rivals)
         return replace(self._on(problem), fresh=True)
 
     def narrowed(self, keys: frozenset[str]) -> SelectionState:

@@ -30,7 +30,7 @@ from studies.demo.embedded import embedded_cell
 from studies.research.bench import real_data
 from studies.research.sealed.draw import Case
 from studies.research.sealed.key import write_case
-from studies.research.sealed.populations import POPULATIONS, families
+from studies.research.sealed.seal import POPULATIONS, families
 from studies.research.sealed.visible import Projector
 from studies.research.sealed.weights import chance as name_chance
 from studies.research.sealed.weights import fitted as name_weights

@@ -11,8 +11,7 @@ import numpy as np
 
 from studies.research.sealed.draw import Case
 from studies.research.sealed.instruments import Fault, Sensed
-from studies.research.sealed.judge import SI, unit
-from studies.research.sealed.score import SENSED
+from studies.research.sealed.judge import SENSED, SI, unit
 from studies.research.truth.causes import Cause, Foreign
 from studies.research.truth.conditions import PAIRED, Conditions
 from studies.research.truth.effects import HARMONICS, TUNED, is_outside

@@ -291,10 +291,8 @@ def _exact(
     """
     folder = _folder()
     drawn = draw_day(Setting(arm, scatter, approaches, poses, markers), index, seed, truth, floor)
-    write_day(folder, drawn)
-    path = folder / "cell.toml"
-    path.write_text(path.read_text().replace("[robot]", f"[robot]\n{robot}"))
-    cell = calib.load_cell(path)
+    write_day(folder, drawn, robot.splitlines())
+    cell = calib.load_cell(folder / "cell.toml")
     tables = (folder / name for name in ("measurements.csv", "exact.csv"))
     return Day(cell, *(calib.load_measurements(cell, table) for table in tables), drawn)
 

@@ -54,9 +54,9 @@ def run(folder: Path, workers: int, limit: float, first: int | None) -> None:
     """Let the diagnosis answer every case, and commit the answers."""
     if not (folder / seal.COMMITMENT).exists():
         raise click.ClickException(f"{folder}: holds no sealed cases; make them first")
-    asked = {"workers": workers, "limit": limit, "first": first}
     with click.progressbar(length=len(seal.case_names(folder)[:first]), label="answers") as bar:
-        runs = seal.run(folder, progress=lambda: bar.update(1), **asked)
+        progress = lambda: bar.update(1)  # noqa: E731
+        runs = seal.run(folder, workers=workers, limit=limit, first=first, progress=progress)
     failed = [name for name, one in runs.items() if one["status"] != "answered"]
     click.echo(f"{len(runs) - len(failed)} answered, {len(failed)} without an answer")
     for name in failed:

@@ -12,7 +12,7 @@ import numpy as np
 from studies.research.sealed.draw import Case
 from studies.research.sealed.instruments import Fault, Sensed
 from studies.research.sealed.judge import SENSED, SI, unit
-from studies.research.truth.causes import Cause, Foreign
+from studies.research.truth.causes import Cause
 from studies.research.truth.conditions import PAIRED, Conditions
 from studies.research.truth.effects import HARMONICS, TUNED, is_outside
 from studies.research.truth.files import (
@@ -187,7 +187,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> Entry:
         return entry
     if cause.shape is not None:
         entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
-    if isinstance(cause, Foreign) and cause.alike:
+    if cause.alike:
         entry["alike"] = list(cause.alike)
     if cause.effect == "friction_windup":
         entry["twins"] = [f"backlash:{cause.where}"]  # both follow the approach alone

@@ -241,4 +241,6 @@ def _rate(row: Row) -> Rate:
 
 
 def _between(ends: Sequence[float | None] | None) -> str | None:
-    return ends and " to ".join("infinite" if end is None else f"{end:.2f}" for end in ends)
+    if ends is None:
+        return None
+    return " to ".join("infinite" if end is None else f"{end:.2f}" for end in ends)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from studies.research.truth.arms import Array, Mask
-from studies.research.truth.causes import Cause, Foreign
+from studies.research.truth.causes import Cause
 from studies.research.truth.effects import TUNED, is_outside
 from studies.research.truth.mechanism import Mechanism, State, frame_columns
 from studies.research.truth.scene import Scene, at_rest
@@ -100,7 +100,7 @@ def tangents(scene: Scene, mechanism: Mechanism, still: State, cause: Cause) -> 
 
     By differences of the simulator at the true size; tuned parameters keep their true values.
     """
-    if isinstance(cause, Foreign) or is_outside(cause.effect):  # nobody fits a parameter of it
+    if cause.act is not None or is_outside(cause.effect):  # nobody fits a parameter of it
         return (at_rest(scene, mechanism, [cause]).readings - still.readings)[..., None]
     names = [name for name in cause.values if name not in TUNED]
 

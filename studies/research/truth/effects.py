@@ -195,7 +195,7 @@ def _sagging(scene: Scene) -> Sequence[str]:
 
 
 def _growing(scene: Scene) -> Sequence[str]:
-    lengths = [np.linalg.norm(f.segment(scene, k + 2)) for k in range(scene.arm.dof)]
+    lengths = [np.linalg.norm(f.segment(scene.arm, k + 2)) for k in range(scene.arm.dof)]
     long = [name for name, way in zip(scene.arm.names, lengths, strict=True) if way > 0.05]
     return ["arm", *long] if "temperature" in scene.columns else ()
 

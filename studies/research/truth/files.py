@@ -58,9 +58,13 @@ def cell_of_scene(name: str, scene: Scene) -> str:
         joint, before, after = arm.spring
         anchors = f"{{ before = {_mm(before)}, after = {_mm(after)} }}"
         lines += ["", "[robot.compensators_mm]", f"{joint} = {anchors}"]
-    lines += ["", "[markers_mm]"]
-    lines += [f"m{i} = {_mm(guess)}" for i, guess in enumerate(scene.guesses, 1)]
-    lines += ["", "[instrument]", f"sigma_mm = {_noise(scene.believed)}"]
+    lines += [
+        "",
+        *_markers(scene.guesses),
+        "",
+        "[instrument]",
+        f"sigma_mm = {_noise(scene.believed)}",
+    ]
     if scene.payload:
         lines += ["", "[payload]", f"mass_kg = {scene.payload!r}", f"com_mm = {_mm(scene.com)}"]
     effects = ["base", "tool"] if scene.known_geometry else ["base", "tool", "geometry"]
@@ -82,13 +86,11 @@ def cell_of_reader(name: str, arm: Arm, reader: Reader) -> str:
 
 
 def plain_cell(
-    name: str, arm: Arm, guesses: Array, sigma: float, design: Sequence[str] = ()
+    arm: Arm, guesses: Array, sigma: float, robot: Sequence[str], design: Sequence[str]
 ) -> str:
-    """A cell whose model has base, tool and geometry; design : lines of the table of that name."""
-    markers = [f"m{i} = {(m * 1e3).round(4).tolist()}" for i, m in enumerate(guesses, 1)]
-    lines = ["schema = 1", f'name = "{name}"', *_robot(arm), "[markers_mm]", *markers]
-    lines += ["[instrument]", f"sigma_mm = {sigma * 1e3:g}"]
-    lines += ["[design]", *design] if design else []
+    """A cell whose model has base, tool and geometry; robot, design : lines more of these tables."""
+    lines = ["schema = 1", 'name = "a day"', *_robot(arm), *robot, *_markers(guesses)]
+    lines += ["[instrument]", f"sigma_mm = {sigma * 1e3:g}", "[design]", *design]
     return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', ""])
 
 
@@ -138,6 +140,10 @@ def table_of_reader(
 
 def _robot(arm: Arm) -> list[str]:
     return ["[robot]", 'urdf = "robot.urdf"', f'base = "{arm.base}"', f'tip = "{arm.tip}"']
+
+
+def _markers(guesses: Array) -> list[str]:
+    return ["[markers_mm]", *(f"m{i} = {_mm(guess)}" for i, guess in enumerate(guesses, 1))]
 
 
 def _noise(believed: Noise) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -102,6 +102,12 @@ class Scene:
     def nothing(self) -> Action:
         """An action of zeros to write into."""
         return Action.none(self.arm, self.count, len(self.markers))
+
+    def only(self, slot: str, at: Any, value: Array) -> Action:
+        """An action of one slot: joint, twist, load, marker or reading."""
+        action = self.nothing()
+        getattr(action, slot)[at] = value
+        return action
 
     def known(self, state: State) -> Action:
         """What the user's model has as well: loads and compliances."""

@@ -57,13 +57,15 @@ class Rate:
 
     def row(self) -> dict[str, Any]:
         """For a table, shares in percent."""
-        low, high = (100.0 * end for end in self.interval or (0.0, 1.0))
+        between = None
+        if self.interval is not None:
+            between = " to ".join(f"{100.0 * end:.1f}" for end in self.interval)
         return {
             "cases": self.family,
             "figure": self.figure,
             "count": f"{self.hits} of {self.n}",
             "[%]": None if self.rate is None else f"{100.0 * self.rate:.1f}",
-            "95 % [%]": f"{low:.1f} to {high:.1f}",
+            "95 % [%]": between,
             "wanted": wanted(self.bar),
             "met": {None: "", True: "yes", False: "no"}[self.met],
         }

@@ -222,7 +222,7 @@ def shown(result: Row) -> Iterator[Any]:
     families = ", ".join(f"{n} {family}" for family, n in sorted(result["families"].items()))
     seconds, floor = result["seconds"], result["heldout_over_floor"]
     yield (
-        f"{result['cases']} sealed cases: {families}; {result['failed']} without an answer; "
+        f"{result['cases']} sealed cases: {families}\n{result['failed']} without an answer; "
         f"{seconds['median']:.2f} s a case, ninth decile {seconds['p90']:.2f} s\n"
     )
     yield table(_rate(row).row() for row in (*result["rates"], result["coverage"]))

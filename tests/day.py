@@ -35,7 +35,7 @@ from studies.research.sealed.visible import Projector
 from studies.research.sealed.weights import chance as name_chance
 from studies.research.sealed.weights import fitted as name_weights
 from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm, Joint
-from studies.research.truth.conditions import EASY
+from studies.research.truth.conditions import Conditions
 from studies.research.truth.day import SEVEN as LIMITED_SEVEN
 from studies.research.truth.day import Floor, Setting, draw_day, write_day
 from studies.research.truth.formulas import turned
@@ -254,7 +254,7 @@ class _Sized:
 
 def _sealed(arm: str, cause: str, size: Sizes, seed: int, payload: bool = True) -> Day:
     """The cause is sized to be so visible beside the model; payload : whether the cell has it."""
-    rng, conditions = np.random.default_rng(seed), replace(EASY, payload=payload)
+    rng, conditions = np.random.default_rng(seed), Conditions(payload=payload)
     scene = draw_scene(rng, next(a for a in ARMS if a.name == arm), conditions)
     mechanism, truth = scene.mechanism(), _Sized(CAUSES[cause])
     seen = np.ones((scene.count, len(scene.markers)), dtype=bool)
@@ -267,7 +267,7 @@ def _sealed(arm: str, cause: str, size: Sizes, seed: int, payload: bool = True) 
     normal = rng.normal(size=state.readings.shape)
     noisy = state.readings + scene.noise.coloured(normal, state.readings)
     case = Case(
-        "single", conditions, scene, (), (), (), size, state, state.readings, noisy, seen
+        "single", scene, (), (), (), size, state, state.readings, noisy, seen
     )  # fmt: skip
     folder = _folder() / "day"
     write_case(folder, case)

@@ -308,14 +308,13 @@ def _summary(said: Sequence[Said]) -> dict[str, Any]:
 
 def _line(key: str, own: Row) -> Row:
     right, ratio = own["right"], own["came_over_promised"]
-    low, high = own["ci95"] or (0.0, 0.0)
     return {
         "command": " ".join(key.split()[: 2 if key.startswith("intervals") else 1]),
         "says": SENTENCES[key],
         "days": own["days"],
-        "came true": "" if right is None else f"{right} of {own['days']}",
-        "95 % [%]": "" if right is None else f"{100 * low:.0f} to {100 * high:.0f}",
-        "came /\npromised": "" if ratio is None else f"{ratio:.2f}",
+        "came true": None if right is None else f"{right} of {own['days']}",
+        "95 % [%]": own["ci95"] and " to ".join(f"{100 * end:.0f}" for end in own["ci95"]),
+        "came /\npromised": ratio,
     }
 
 

@@ -38,8 +38,7 @@ def make(count: int, folder: Path, seed: int, **kinds: bool) -> None:
         named = ", ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
         raise click.UsageError(f"{named}: each draws arms of its own; leave the others out")
     try:
-        with click.progressbar(length=count, label="cases") as bar:
-            seal.make(folder, count, seed, lambda: bar.update(1), population=chosen[0])
+        seal.make(folder, count, seed, chosen[0])
     except FileExistsError as error:
         raise click.ClickException(str(error)) from None
     click.echo(f"wrote {count} cases, their keys and {folder / seal.COMMITMENT}")
@@ -54,9 +53,7 @@ def run(folder: Path, workers: int, limit: float, first: int | None) -> None:
     """Let the diagnosis answer every case, and commit the answers."""
     if not (folder / seal.COMMITMENT).exists():
         raise click.ClickException(f"{folder}: holds no sealed cases; make them first")
-    with click.progressbar(length=len(seal.case_names(folder)[:first]), label="answers") as bar:
-        progress = lambda: bar.update(1)  # noqa: E731
-        runs = seal.run(folder, workers=workers, limit=limit, first=first, progress=progress)
+    runs = seal.run(folder, workers=workers, limit=limit, first=first)
     failed = [name for name, one in runs.items() if one["status"] != "answered"]
     click.echo(f"{len(runs) - len(failed)} answered, {len(failed)} without an answer")
     for name in failed:

@@ -111,7 +111,7 @@ def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
     scene, held = case.scene, case.scene.session.held
     noise = (case.noisy - case.clean)[held][case.seen[held]]
     rigid = [joint for joint in scene.arm.soft if joint not in scene.modelled]
-    conditions = {**asdict(case.conditions), "rigid": rigid, "markers": len(scene.markers)}
+    conditions = {**asdict(scene.conditions), "rigid": rigid, "markers": len(scene.markers)}
     drawn = zip(case.causes, case.noncentrality, case.beside, strict=True)
     entries = [_entry(scene, *one) for one in drawn]
     for entry in entries[len(entries) - case.background :]:
@@ -139,7 +139,7 @@ def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
             "markers_mm": (scene.markers * 1e3).tolist(),
         },
     }
-    if case.conditions.visit != PAIRED:
+    if scene.conditions.visit != PAIRED:
         key["draw"] = "real arms"
         key["reachable_mm"] = float(np.hypot(floor, np.sqrt(case.excess or 0.0))) * 1e3
     if scene.scatter is not None:
@@ -195,7 +195,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> Entry:
     slides = cause.where in scene.arm.names and cause.where not in scene.arm.turning
     scored = cause.effect not in _UNSCORED and cause.scored
     whole = Cause(cause.effect, cause.where, {**_absent(scene, cause), **cause.values}, cause.size)
-    entry["parameters"] = _values(whole, scored, slides, "time" in scene.columns)
+    entry["parameters"] = _values(whole, scored, slides, "time" in scene.conditions.columns)
     return entry
 
 
@@ -213,7 +213,7 @@ def _tuning(scene: Scene, cause: Cause) -> Entry:
     if cause.effect == "step":
         at, pace = cause.values["at"], float(clock[-1]) / (len(clock) - 1)
         gap = (float(clock[clock < at].max()), float(clock[clock >= at].min()))
-        shown = "s" if "time" in scene.columns else "readings"
+        shown = "s" if "time" in scene.conditions.columns else "readings"
         return {"tuned": _near(cause, "at", shown, READINGS * pace), "between": {"at": gap}}
     return {}
 

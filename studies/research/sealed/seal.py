@@ -18,6 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from studies.research.sealed import draw, instruments, key
@@ -86,14 +87,7 @@ def case_names(folder: Path) -> list[str]:
     return sorted(read_json(folder / COMMITMENT)["keys"])
 
 
-def make(
-    folder: Path,
-    count: int,
-    seed: int,
-    progress: Callable[[], object] = lambda: None,
-    *,
-    population: str = "first",
-) -> None:
+def make(folder: Path, count: int, seed: int, population: str = "first") -> None:
     """Write cases of a population, keys, and last the commitment.
 
     Raises FileExistsError where the folder holds cases already.
@@ -103,15 +97,15 @@ def make(
     (folder / "keys").mkdir(parents=True)
     own = POPULATIONS[population]
     drawn = families(np.random.default_rng([seed, count]), count, own.shares)
-    for index, family in enumerate(drawn):
-        name = f"case_{index:04d}"
-        # Each index has its own stream of random numbers.
-        case = own.draw(np.random.default_rng([seed, index]), family)
-        own.write(folder / "cases" / name, case)
-        # The salt keeps the hash from being found by trying all that could have been drawn.
-        truth = own.key(case, name, index, secrets.token_hex(16))
-        write_json(folder / "keys" / f"{name}.json", truth)
-        progress()
+    with click.progressbar(drawn, file=sys.stderr, label="cases") as bar:
+        for index, family in enumerate(bar):
+            name = f"case_{index:04d}"
+            # Each index has its own stream of random numbers.
+            case = own.draw(np.random.default_rng([seed, index]), family)
+            own.write(folder / "cases" / name, case)
+            # The salt keeps the hash from being found by trying all that could have been drawn.
+            truth = own.key(case, name, index, secrets.token_hex(16))
+            write_json(folder / "keys" / f"{name}.json", truth)
     drawn_by = {} if population == "first" else {population: True}
     write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count, **drawn_by})
     # Every key, and every file of every case so that none is exchanged.
@@ -178,7 +172,6 @@ def run(
     workers: int = 1,
     limit: float = 120.0,
     first: int | None = None,
-    progress: Callable[[], object] = lambda: None,
 ) -> dict[str, Any]:
     """Let the diagnosis answer every case anew, and commit the answers.
 
@@ -193,12 +186,14 @@ def run(
 
     def one(name: str) -> dict[str, Any]:
         case, answer = (folder / "cases" / name).resolve(), answer_of(folder, name).resolve()
-        became = _answered(case, answer, command, limit)
-        progress()
-        return became
+        return _answered(case, answer, command, limit)
 
-    with ThreadPoolExecutor(workers) as pool:
-        runs = dict(zip(names, pool.map(one, names), strict=True))
+    bar = click.progressbar(length=len(names), file=sys.stderr, label="answers")
+    runs = {}
+    with bar, ThreadPoolExecutor(workers) as pool:
+        for name, became in zip(names, pool.map(one, names), strict=True):
+            runs[name] = became
+            bar.update(1)
     commit_answers(folder, runs, command)
     return runs
 

@@ -21,7 +21,10 @@ _SAME, _SAME_COLUMN = 1e-8, 1e-3
 def modelled_columns(scene: Scene, state: State) -> Array:
     """Derivatives of the points by all that the user's model leaves free, (N, M, 3, p), base axes."""
     arm, (N, M) = scene.arm, state.points.shape[:2]
-    columns = [frame_columns(state, k) for k in range(1 if scene.known_geometry else arm.dof + 2)]
+    columns = [
+        frame_columns(state, k)
+        for k in range(1 if scene.conditions.known_geometry else arm.dof + 2)
+    ]
     for marker in range(M):
         alone = np.zeros((N, M, 3, 3))
         alone[:, marker] = state.R_link[:, -1]

@@ -116,7 +116,7 @@ def with_wrong_shape(rng: np.random.Generator, scene: Scene, cause: Cause) -> Ca
 
 def outside_here(scene: Scene) -> list[str]:
     """Kinds of no catalogue whose variable the files of a scene show."""
-    return [name for name, kind in OUTSIDE.items() if kind.needs in ("", *scene.columns)]
+    return [name for name, kind in OUTSIDE.items() if kind.needs in ("", *scene.conditions.columns)]
 
 
 def draw_outside(rng: np.random.Generator, scene: Scene) -> Cause:

@@ -36,7 +36,7 @@ def write_scene(folder: Path, scene: Scene, cell: str, table: Callable[[Rows], s
     held = scene.session.held
     texts = {
         "cell.toml": cell,
-        "robot.urdf": urdf(scene.arm, scene.weighs),
+        "robot.urdf": urdf(scene.arm, scene.conditions.weighs),
         "measurements.csv": table(np.flatnonzero(~held)),
         "heldout.csv": table(np.flatnonzero(held)),
     }
@@ -51,7 +51,7 @@ def cell_of_scene(name: str, scene: Scene) -> str:
     if scene.repeatability is not None:
         place, turn = scene.repeatability
         lines += [f"repeatability_mm = {place * 1e3:.4g}", f"repeatability_urad = {turn * 1e6:.4g}"]
-    if scene.ratios_said:
+    if scene.conditions.ratios_said:
         lines += ["", "[robot.gear_ratio]"]
         lines += [f"{joint} = {ratio}" for joint, ratio in scene.ratios.items()]
     if arm.spring is not None:
@@ -67,7 +67,7 @@ def cell_of_scene(name: str, scene: Scene) -> str:
     ]
     if scene.payload:
         lines += ["", "[payload]", f"mass_kg = {scene.payload!r}", f"com_mm = {_mm(scene.com)}"]
-    effects = ["base", "tool"] if scene.known_geometry else ["base", "tool", "geometry"]
+    effects = ["base", "tool"] if scene.conditions.known_geometry else ["base", "tool", "geometry"]
     effects += [f"joint_compliance:{joint}" for joint in scene.modelled]
     lines += ["", "[model]", f"effects = [{', '.join(map(_quoted, effects))}]"]
     if scene.knots:
@@ -100,17 +100,19 @@ def table_of_scene(scene: Scene, points: Array, seen: Mask, poses: Rows) -> str:
     header = ["pose", "marker", *arm.columns(), "x_mm", "y_mm", "z_mm", *_WRENCH]
     if scene.measured is not None:
         header += [f"{j.name}_{'N' if j.slides else 'Nm'}" for j in arm.joints]
-    header += ["temperature_degC"] if "temperature" in scene.columns else []
-    header += ["time_s"] if "time" in scene.columns else []
-    header += [f"approach_{n}" for n in arm.names] if "approach" in scene.columns else []
+    header += ["temperature_degC"] if "temperature" in scene.conditions.columns else []
+    header += ["time_s"] if "time" in scene.conditions.columns else []
+    header += [f"approach_{n}" for n in arm.names] if "approach" in scene.conditions.columns else []
     rows = [header]
     for i in poses:
         state = [f"{v:.4f}" for v in scene.wrench[i]]
         if scene.measured is not None:
             state += [f"{v:.4f}" for v in scene.measured[i]]
-        state += [f"{session.temperature[i]:.3f}"] if "temperature" in scene.columns else []
-        state += [f"{session.time[i]:.1f}"] if "time" in scene.columns else []
-        if "approach" in scene.columns:
+        state += (
+            [f"{session.temperature[i]:.3f}"] if "temperature" in scene.conditions.columns else []
+        )
+        state += [f"{session.time[i]:.1f}"] if "time" in scene.conditions.columns else []
+        if "approach" in scene.conditions.columns:
             state += [f"{v:.0f}" for v in session.approach[i] + 0.0]
         for marker in np.flatnonzero(seen[i]):
             point = [f"{v:.5f}" for v in points[i, marker] * 1e3]

@@ -12,7 +12,7 @@ import numpy as np
 from studies.research.truth.arms import Array
 from studies.research.truth.causes import Cause, Unsuitable
 from studies.research.truth.effects import Sizes
-from studies.research.truth.formulas import grown, moved_frame, share_of_longest, turned
+from studies.research.truth.formulas import grown, lagging, moved_frame, share_of_longest, turned
 from studies.research.truth.scene import Scene
 
 SMALL = 1e-4  # rad or m, before a size is found
@@ -43,15 +43,6 @@ def hardening(torque: Array, share: float) -> Array:
     """Torque less a cubic, which takes a share of the largest torque's effect."""
     most = float(np.abs(torque).max()) or 1.0
     return np.asarray(torque * (1.0 - share * (torque / most) ** 2))
-
-
-def lagging(temperature: Array, time: Array, lag: float) -> Array:
-    """What follows a temperature with a time constant [s], in balance at first; shape (N,)."""
-    follows = temperature.copy()
-    for i in range(1, len(time)):
-        keep = np.exp(-(time[i] - time[i - 1]) / lag)
-        follows[i] = keep * follows[i - 1] + (1.0 - keep) * temperature[i]
-    return follows
 
 
 def _at_joint(

@@ -178,11 +178,17 @@ def stiffness_vs_angle(scene: Scene, state: State, k: int, values: Values) -> Ar
 
 def creep(scene: Scene, state: State, k: int, values: Values) -> Array:
     """A drive that follows the torque of the last minutes instead of the present one."""
-    time, lagged = scene.session.time, np.zeros(scene.count)
-    for i in range(1, scene.count):
-        keep = np.exp(-(time[i] - time[i - 1]) / 240.0)
-        lagged[i] = keep * lagged[i - 1] + (1.0 - keep) * state.torque[i - 1, k]
-    return np.asarray(values["a"] * lagged)
+    before = np.append(0.0, state.torque[:-1, k])
+    return np.asarray(values["a"] * lagging(before, scene.session.time, 240.0))
+
+
+def lagging(values: Array, time: Array, lag: float) -> Array:
+    """What follows values with a time constant [s], in balance at first; shape (N,)."""
+    follows = values.copy()
+    for i in range(1, len(time)):
+        keep = np.exp(-(time[i] - time[i - 1]) / lag)
+        follows[i] = keep * follows[i - 1] + (1.0 - keep) * values[i]
+    return follows
 
 
 def cable_pull(scene: Scene, state: State, k: int, values: Values) -> Array:

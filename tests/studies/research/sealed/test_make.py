@@ -434,13 +434,14 @@ def test_files_hold_what_the_key_says(drawn: dict[str, Case], tmp_path: Path) ->
     """Read by the program; torques, gear ratios and the missing clock as the conditions say."""
     for family, case in drawn.items():
         scene = case.scene
-        plain = replace(case, scene=replace(scene, ratios_said=False, measured=None))
+        said, unsaid = (replace(scene.conditions, ratios_said=yes) for yes in (True, False))
+        plain = replace(case, scene=replace(scene, conditions=unsaid, measured=None))
         write_case(tmp_path / family, plain)
         cell = calib.load_cell(tmp_path / family / "cell.toml")
         held = calib.load_measurements(cell, tmp_path / family / "heldout.csv")
         assert len(held.poses) == scene.session.held.sum()
         torques = np.random.default_rng(0).normal(size=scene.session.q.shape).round(4)
-        told = replace(case, scene=replace(scene, ratios_said=True, measured=torques))
+        told = replace(case, scene=replace(scene, conditions=said, measured=torques))
         cell_said = tomllib.loads(cell_of_scene("case", told.scene))["robot"]["gear_ratio"]
         assert cell_said == scene.ratios
         assert all(RATIO[0] <= ratio <= RATIO[1] for ratio in cell_said.values())
@@ -452,7 +453,7 @@ def test_files_hold_what_the_key_says(drawn: dict[str, Case], tmp_path: Path) ->
         for k, joint in enumerate(scene.arm.joints):
             column = f"{joint.name}_{'N' if joint.slides else 'Nm'}"
             assert float(rows[0][column]) == pytest.approx(torques[3, k])
-        assert ("time_s" in rows[0]) == (case.conditions.missing != "time")
+        assert ("time_s" in rows[0]) == (scene.conditions.missing != "time")
 
 
 def test_beside_others_by_hand() -> None:

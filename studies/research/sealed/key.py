@@ -45,7 +45,7 @@ def write_sensed(folder: Path, case: Sensed) -> None:
     write_scene(folder, case.scene, cell_of_reader(folder.name, case.scene.arm, case.reader), table)
 
 
-def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
+def key_of_sensed(case: Sensed) -> Entry:
     """Everything that scoring needs."""
     cause, conditions = case.cause, asdict(Conditions(known_geometry=True))
     effects = []
@@ -63,7 +63,8 @@ def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
             }
         )
     return {
-        **_head(name, index, salt, case.family, case.scene),
+        "family": case.family,
+        "robot": case.scene.arm.name,
         "draw": SENSED,
         "conditions": {**conditions, "rigid": [], "reader": case.kind},
         "effects": effects,
@@ -72,11 +73,6 @@ def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
         "floor_mm": case.reader.floor,  # px of a camera, as the answers have it
         "outliers": [],
     }
-
-
-def _head(name: str, index: int, salt: str, family: str, scene: Scene) -> Entry:
-    named = {"schema": 1, "salt": salt, "case": name, "index": index, "family": family}
-    return {**named, "robot": scene.arm.name}
 
 
 _OF_FAULT = {
@@ -106,7 +102,7 @@ def _values(
     return found
 
 
-def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
+def key_of(case: Case) -> Entry:
     """Everything that scoring needs, and the truth for who wants to look."""
     scene, held = case.scene, case.scene.session.held
     noise = (case.noisy - case.clean)[held][case.seen[held]]
@@ -119,7 +115,8 @@ def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
     outside = case.family == "outside"
     floor = _floor(case)
     key: Entry = {
-        **_head(name, index, salt, case.family, scene),
+        "family": case.family,
+        "robot": scene.arm.name,
         "conditions": conditions,
         "effects": entries[1:] if outside else entries,
         "outside": entries[0] if outside else None,

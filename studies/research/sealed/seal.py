@@ -42,7 +42,7 @@ class Population:
     shares: Mapping[str, float]
     draw: Callable[[np.random.Generator, str], Any]
     write: Callable[[Path, Any], None] = key.write_case
-    key: Callable[[Any, str, int, str], dict[str, Any]] = key.key_of
+    key: Callable[[Any], dict[str, Any]] = key.key_of
 
 
 POPULATIONS = {
@@ -104,8 +104,8 @@ def make(folder: Path, count: int, seed: int, population: str = "first") -> None
             case = own.draw(np.random.default_rng([seed, index]), family)
             own.write(folder / "cases" / name, case)
             # The salt keeps the hash from being found by trying all that could have been drawn.
-            truth = own.key(case, name, index, secrets.token_hex(16))
-            write_json(folder / "keys" / f"{name}.json", truth)
+            head = {"schema": 1, "salt": secrets.token_hex(16), "case": name, "index": index}
+            write_json(folder / "keys" / f"{name}.json", {**head, **own.key(case)})
     drawn_by = {} if population == "first" else {population: True}
     write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count, **drawn_by})
     # Every key, and every file of every case so that none is exchanged.

@@ -114,7 +114,7 @@ def test_sizes_by_noncentrality(family: str) -> None:
     assert len(case.causes) == {"null": 0, "pair": 2}.get(family, 1)
     assert all(0.9 * low < value < 1.1 * high for value in case.noncentrality)
     assert all(b <= a * 1.001 for a, b in zip(case.noncentrality, case.beside, strict=True))
-    key = key_of(case, "case", 0, "salt")
+    key = key_of(case)
     assert bool(key["outside"]) == (family == "outside")
     assert all(("shape" in effect) == (family == "shape") for effect in key["effects"])
     json.dumps(key, allow_nan=False)
@@ -285,7 +285,7 @@ def test_cases_stay(population: str, family: str, index: int, tmp_path: Path) ->
     whole = b"".join(path.read_bytes() for path in sorted(folder.iterdir()))
     known = DIGESTS[population, family, index]
     assert hashlib.sha256(whole).hexdigest().startswith(known)
-    key = own.key(case, folder.name, index, "salt")
+    key = own.key(case)
     assert ("arm_noise" in key["conditions"]) == (population in ("arm_noise", "real_arms"))
 
 
@@ -310,7 +310,7 @@ def test_formulas() -> None:
 
 @pytest.mark.parametrize("family", FOREIGN_SHARES)
 def test_a_case_is_told_by_names_of_the_catalogue(family: str) -> None:
-    key = key_of(draw_foreign_case(np.random.default_rng(3), family), "case", 0, "salt")
+    key = {"case": "case", **key_of(draw_foreign_case(np.random.default_rng(3), family))}
     json.dumps(key, allow_nan=False)
     low, high = NONCENTRALITY
     entries = key["effects"]
@@ -361,7 +361,7 @@ def test_the_truth_is_known_to_its_noise(kind: str, tmp_path: Path) -> None:
 
 def known(case: Sensed) -> bool:
     """Whether the fault is an effect of the catalogue: some of those that are drawn are none."""
-    return key_of_sensed(case, "case", 0, "")["effects"][0]["effect"] in EFFECTS
+    return key_of_sensed(case)["effects"][0]["effect"] in EFFECTS
 
 
 @pytest.mark.parametrize("kind", ["world camera", "tip camera", SOCKET])
@@ -370,7 +370,7 @@ def test_faults_are_what_the_answers_call_them(kind: str, tmp_path: Path) -> Non
     drawn = (draw_sensed(np.random.default_rng(k), "instrument", kind) for k in range(5, 50))
     case = next(own for own in drawn if isinstance(own.cause, Fault) and known(own))
     write_sensed(tmp_path / "case", case)
-    (entry,) = key_of_sensed(case, "case", 0, "")["effects"]
+    (entry,) = key_of_sensed(case)["effects"]
     path = tmp_path / "case" / "cell.toml"
     effect = f'"{entry["effect"]}:{entry["where"]}"'
     path.write_text(path.read_text().replace('"tool"]', f'"tool", {effect}]'))
@@ -403,7 +403,7 @@ def drawn() -> dict[str, Case]:
 
 @pytest.fixture(scope="module")
 def keys(drawn: dict[str, Case]) -> dict[str, dict[str, Any]]:
-    return {f: key_of(case, f"case_{f}", 0, "salt") for f, case in drawn.items()}
+    return {f: key_of(case) for f, case in drawn.items()}
 
 
 def asked(key: dict[str, Any]) -> list[dict[str, Any]]:

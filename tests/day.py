@@ -30,12 +30,12 @@ from studies.demo.embedded import embedded_cell
 from studies.research.bench import real_data
 from studies.research.sealed.draw import Case
 from studies.research.sealed.key import write_case
-from studies.research.sealed.populations import POPULATIONS, families
+from studies.research.sealed.seal import POPULATIONS, families
 from studies.research.sealed.visible import Projector
 from studies.research.sealed.weights import chance as name_chance
 from studies.research.sealed.weights import fitted as name_weights
 from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm, Joint
-from studies.research.truth.conditions import EASY
+from studies.research.truth.conditions import Conditions
 from studies.research.truth.day import SEVEN as LIMITED_SEVEN
 from studies.research.truth.day import Floor, Setting, draw_day, write_day
 from studies.research.truth.formulas import turned
@@ -254,7 +254,7 @@ class _Sized:
 
 def _sealed(arm: str, cause: str, size: Sizes, seed: int, payload: bool = True) -> Day:
     """The cause is sized to be so visible beside the model; payload : whether the cell has it."""
-    rng, conditions = np.random.default_rng(seed), replace(EASY, payload=payload)
+    rng, conditions = np.random.default_rng(seed), Conditions(payload=payload)
     scene = draw_scene(rng, next(a for a in ARMS if a.name == arm), conditions)
     mechanism, truth = scene.mechanism(), _Sized(CAUSES[cause])
     seen = np.ones((scene.count, len(scene.markers)), dtype=bool)
@@ -267,7 +267,7 @@ def _sealed(arm: str, cause: str, size: Sizes, seed: int, payload: bool = True) 
     normal = rng.normal(size=state.readings.shape)
     noisy = state.readings + scene.noise.coloured(normal, state.readings)
     case = Case(
-        "single", conditions, scene, (), (), (), size, state, state.readings, noisy, seen
+        "single", scene, (), (), (), size, state, state.readings, noisy, seen
     )  # fmt: skip
     folder = _folder() / "day"
     write_case(folder, case)
@@ -291,10 +291,8 @@ def _exact(
     """
     folder = _folder()
     drawn = draw_day(Setting(arm, scatter, approaches, poses, markers), index, seed, truth, floor)
-    write_day(folder, drawn)
-    path = folder / "cell.toml"
-    path.write_text(path.read_text().replace("[robot]", f"[robot]\n{robot}"))
-    cell = calib.load_cell(path)
+    write_day(folder, drawn, robot.splitlines())
+    cell = calib.load_cell(folder / "cell.toml")
     tables = (folder / name for name in ("measurements.csv", "exact.csv"))
     return Day(cell, *(calib.load_measurements(cell, table) for table in tables), drawn)
 

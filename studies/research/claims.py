@@ -29,8 +29,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -48,8 +46,9 @@ from doe.problem import problem_of
 from doe.request import Request
 from studies.render import markdown
 from studies.research.bench import Output, Row, bench, each, rms, rms_3d, several, table
-from studies.research.sealed.score import wilson
-from studies.research.truth.day import ARMS, Day, Floor, Setting, Truth, draw_day, write_day
+from studies.research.days import Read, moved, read
+from studies.research.rates import Rate
+from studies.research.truth.day import ARMS, Floor, Setting, Truth, draw_day
 from studies.research.truth.mechanism import Mechanism
 from studies.results.base import envelope
 from studies.results.enough import EnoughResult
@@ -84,40 +83,19 @@ class Said:
         return cls(sentence, most, came, came <= most)
 
 
-@dataclass(frozen=True, eq=False)
-class Read:
-    """A day as posecal has read it: cell, data, what a perfect day had read, and targets."""
-
-    day: Day
-    cell: calib.Cell
-    data: calib.Measurements
-    exact: calib.Measurements
-    targets: calib.Poses
-
-    def came(self, found: calib.Identification) -> float:
-        """How far one approach of each target is from what a result foretells, RMS, m."""
-        return rms_3d(found.predict(self.targets) - self.day.approached)
-
-    def compensated(self, found: calib.Identification, rng: np.random.Generator) -> Said:
-        """Where the corrected commands take the arm, against the arm of its file as it was placed."""
-        commands = calib.compensate(self.cell, found, self.targets)
-        (base,) = found.bases.values()
-        R = Rotation.from_rotvec(base[3:]).as_matrix()
-        wanted = self.day.nominal(self.targets.q, found.marker_positions, R, base[:3])
-        missed = rms_3d(self.day.approach(commands.q, rng) - wanted)
-        return Said("compensate", commands.rms(commands.expected), missed)
+def came(own: Read, found: calib.Identification) -> float:
+    """How far one approach of each target is from what a result foretells, RMS, m."""
+    return rms_3d(found.predict(own.targets) - own.day.approached)
 
 
-def read(day: Day) -> Read:
-    """A day as its files say it."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        write_day(folder, day)
-        cell = calib.load_cell(folder / "cell.toml")
-        targets, _ = calib.load_targets(cell, folder / "targets.csv")
-        tables = (folder / f"{table}.csv" for table in ("measurements", "exact"))
-        data, exact = (calib.load_measurements(cell, table) for table in tables)
-        return Read(day, cell, data, exact, targets)
+def compensated(own: Read, found: calib.Identification, rng: np.random.Generator) -> Said:
+    """Where the corrected commands take the arm, against the arm of its file as it was placed."""
+    commands = calib.compensate(own.cell, found, own.targets)
+    (base,) = found.bases.values()
+    R = Rotation.from_rotvec(base[3:]).as_matrix()
+    wanted = own.day.nominal(own.targets.q, found.marker_positions, R, base[:3])
+    missed = rms_3d(own.day.approach(commands.q, rng) - wanted)
+    return Said("compensate", commands.rms(commands.expected), missed)
 
 
 # -- a day and its morrow --------------------------------------------------------------------------
@@ -129,11 +107,11 @@ def said_in_a_day(arm: str, scatter: float, index: int, seed: int = 0) -> list[S
     setting = Setting(arm, scatter, 1, POSES, MARKERS)
     slip = float(np.exp(rng.uniform(*np.log(_SLIP)))) * (index % 2)
     first = read(draw_day(setting, index, seed))
-    then = read(draw_day(setting, index, seed, lambda q: _moved(q, 2, np.full(len(q), slip))))
+    then = read(draw_day(setting, index, seed, lambda q: moved(q, 2, slip)))
     half = np.arange(POSES) < POSES // 2
     data, cell = first.data.take(half), first.cell
     found, again = calib.identify(cell, data), calib.identify(cell, then.data.take(~half))
-    came, targets = first.came(found), first.targets
+    there, targets = came(first, found), first.targets
     still = rms_3d(found.predict(targets) - first.day.reached)
     accuracy, steps = accuracy_at_targets(cell, found), enough(cell, data, first.data.poses).steps
     whole = calib.identify(cell, first.data)
@@ -144,11 +122,11 @@ def said_in_a_day(arm: str, scatter: float, index: int, seed: int = 0) -> list[S
     return [
         *before,
         Said("identify", accuracy.rms(accuracy.expected.errors), still),
-        Said("enough now", steps[0].task_rms, came),
-        Said.below("enough most", steps[0].task_most, came),
-        Said("enough end", steps[-1].task_rms, first.came(whole)),
+        Said("enough now", steps[0].task_rms, there),
+        Said.below("enough most", steps[0].task_most, there),
+        Said("enough end", steps[-1].task_rms, came(first, whole)),
         *_intervals("identify 95 %", found, calib.identify(cell, first.exact.take(half))),
-        first.compensated(found, rng),
+        compensated(first, found, rng),
         *_changes(first, then, found, again, rng.uniform(*_TOLERANCE)),
     ]
 
@@ -168,14 +146,14 @@ def _changes(
 ) -> Iterator[Said]:
     cell = first.cell
     found = changes(cell, known_of(before), known_of(after), estimate_of(after))
-    moved, size = rms_3d(then.day.reached - first.day.reached), found.there
+    went, size = rms_3d(then.day.reached - first.day.reached), found.there
     seen = found.difference.p_value < FALSE_ALARM
-    if not moved:
+    if not went:
         yield Said("changes alarm", right=not seen)
     elif seen:
-        yield Said("changes size", size.value, moved, size.low <= moved <= size.high)
+        yield Said("changes size", size.value, went, size.low <= went <= size.high)
     else:
-        yield Said.below("changes hidden", size.high, moved)
+        yield Said.below("changes hidden", size.high, went)
     off = before.predict(targets_of(cell)[0]) - then.day.approached
     worst = float(np.sqrt((off**2).sum(axis=-1).mean(axis=-1)).max())
     judged = verdict(found.kept[1], times * worst)
@@ -196,8 +174,8 @@ def said_by_diagnosis(arm: str, scatter: float, index: int, seed: int = 0) -> li
     little = float(np.exp(rng.uniform(*np.log(_SECOND))))
 
     def truth(q: Array) -> Array:
-        plain = _moved(q, 2, _FIRST * np.cos(q[:, 2]))
-        return plain + _moved(q, 4, little * np.sin(q[:, 4])) - q
+        plain = moved(q, 2, _FIRST * np.cos(q[:, 2]))
+        return plain + moved(q, 4, little * np.sin(q[:, 4])) - q
 
     own = read(draw_day(Setting(arm, scatter, 1, POSES, MARKERS), index, seed, truth))
     found = calib.diagnose(own.cell, own.data)
@@ -205,9 +183,9 @@ def said_by_diagnosis(arm: str, scatter: float, index: int, seed: int = 0) -> li
         return []
     by_parameters = rms(calib.compensate(own.cell, found, own.targets).error.parameters)
     after = found.after
-    came = rms_3d(after.model.predict(after.values, own.targets) - own.day.reached)
+    there = rms_3d(after.model.predict(after.values, own.targets) - own.day.reached)
     promised = float(np.hypot(by_parameters, max(h.left for h in found.hidden)))
-    return [Said.below("diagnose", promised, came)]
+    return [Said.below("diagnose", promised, there)]
 
 
 # -- what a model may lack -------------------------------------------------------------------------
@@ -229,14 +207,14 @@ def _said(kind: str, own: Read, rng: np.random.Generator) -> list[Said]:
     answer = enough(own.cell, own.data)
     if answer.found is None:
         raise RuntimeError(answer.why)
-    most, came = answer.steps[0].task_most, own.came(answer.found)
+    most, there = answer.steps[0].task_most, came(own, answer.found)
     reached = enough(own.cell, own.data, goal=most * _GOAL)
     text = markdown(EnoughResult.of(reached, own.cell, envelope(own.cell.name, [], 0)))
     stops = "you may stop" in " ".join(text.split()).lower()
-    commands = own.compensated(answer.found, rng)
+    commands = compensated(own, answer.found, rng)
     return [
-        Said.below(f"lacking {kind} most", most, came),
-        Said(f"lacking {kind} stop", right=came <= most * _GOAL if stops else True),
+        Said.below(f"lacking {kind} most", most, there),
+        Said(f"lacking {kind} stop", right=there <= most * _GOAL if stops else True),
         replace(commands, sentence=f"lacking {kind} commands"),
     ]
 
@@ -259,7 +237,7 @@ def _of_joint(rng: np.random.Generator, between: tuple[float, float]) -> tuple[i
 def _wave(rng: np.random.Generator, between: tuple[float, float], ripple: bool) -> Lacking:
     joint, size, start = _of_joint(rng, between)
     cycles = int(rng.integers(*_CYCLES)) if ripple else 1
-    return lambda q: _moved(q, joint, size * np.sin(cycles * q[:, joint] + start)), None
+    return lambda q: moved(q, joint, size * np.sin(cycles * q[:, joint] + start)), None
 
 
 def _compliance(rng: np.random.Generator, arm: str) -> Lacking:
@@ -269,11 +247,7 @@ def _compliance(rng: np.random.Generator, arm: str) -> Lacking:
     heavy = Mechanism(own, np.zeros((own.dof + 2, 6)), np.zeros((1, 3)))
     low, high = own.limits.T
     most = np.abs(heavy.posed(rng.uniform(low, high, (200, own.dof))).torque[:, joint]).max()
-    return lambda q: _moved(q, joint, size / most * heavy.posed(q).torque[:, joint]), None
-
-
-def _moved(q: Array, joint: int, off: Array) -> Array:
-    return np.asarray(q + off[:, None] * (np.arange(q.shape[1]) == joint))
+    return lambda q: moved(q, joint, size / most * heavy.posed(q).torque[:, joint]), None
 
 
 KINDS: dict[str, Callable[[np.random.Generator, str], Lacking]] = {
@@ -327,21 +301,20 @@ def _summary(said: Sequence[Said]) -> dict[str, Any]:
     return {
         "days": len(said),
         "right": sum(judged) if judged else None,
-        "ci95": wilson(sum(judged), len(judged)) if judged else None,
+        "ci95": Rate.of("", "", judged).interval,
         "came_over_promised": rms(ratios) if ratios else None,
     }
 
 
 def _line(key: str, own: Row) -> Row:
     right, ratio = own["right"], own["came_over_promised"]
-    low, high = own["ci95"] or (0.0, 0.0)
     return {
         "command": " ".join(key.split()[: 2 if key.startswith("intervals") else 1]),
         "says": SENTENCES[key],
         "days": own["days"],
-        "came true": "" if right is None else f"{right} of {own['days']}",
-        "95 % [%]": "" if right is None else f"{100 * low:.0f} to {100 * high:.0f}",
-        "came /\npromised": "" if ratio is None else f"{ratio:.2f}",
+        "came true": None if right is None else f"{right} of {own['days']}",
+        "95 % [%]": own["ci95"] and " to ".join(f"{100 * end:.0f}" for end in own["ci95"]),
+        "came /\npromised": ratio,
     }
 
 

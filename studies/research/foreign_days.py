@@ -16,16 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 import calib
 from calib.arrays import Array
 from studies.research.bench import Output, Row, bench, each, several, table
-from studies.research.truth.day import ARMS, Floor, Setting, draw_day, write_day
+from studies.research.days import moved, read
+from studies.research.truth.day import ARMS, Floor, Setting, draw_day
 
 _SETTING = Setting("6R", 30e-6, 2, 40, 3)
 _SIGMA = _SETTING.scatter / np.sqrt(3.0)  # m, of one coordinate of the tip
@@ -56,13 +54,6 @@ def _moves(q: Array, k: int) -> Array:
     return np.diff(q[:, k], prepend=q[:1, k])
 
 
-def _joint(k: int, error: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
-    def truth(q: Array) -> Array:
-        return np.asarray(q + np.asarray(error(q))[:, None] * (np.arange(q.shape[1]) == k))
-
-    return truth
-
-
 def _walk(rng: np.random.Generator) -> Floor:
     """A base that goes 3 um and 3 urad on at every reading, nobody knows whither."""
     steps = rng.normal(size=(_SETTING.poses * _SETTING.approaches, 6)) * 12e-6
@@ -78,14 +69,14 @@ def _warms(rng: np.random.Generator) -> Floor:
 def _causes(rng: np.random.Generator) -> dict[str, ForeignCause]:
     """All causes of a day, each at a joint of its own."""
     k = int(rng.integers(1, 5))
-    names = tuple(joint.name for joint in ARMS[_SETTING.arm].joints)
+    names = ARMS[_SETTING.arm].names
     base = ("base", "instrument")
     middle = _SETTING.poses * _SETTING.approaches // 2
-    play = _joint(k, lambda q: -150e-6 * _side(q, k))
-    slip = _joint(k, lambda q: 900e-6 * (np.arange(len(q)) >= middle))
-    lean = _joint(k, lambda q: 250e-6 * np.abs(np.sin(q[:, 1])) * _side(q, k))
-    lag = _joint(0, lambda q: -200e-6 * _moves(q, 0))
-    stiff = _joint(k, lambda q: -250e-6 * np.tanh(_moves(q, k) / 0.5))
+    play = lambda q: moved(q, k, -150e-6 * _side(q, k))  # noqa: E731
+    slip = lambda q: moved(q, k, 900e-6 * (np.arange(len(q)) >= middle))  # noqa: E731
+    lean = lambda q: moved(q, k, 250e-6 * np.abs(np.sin(q[:, 1])) * _side(q, k))  # noqa: E731
+    lag = lambda q: moved(q, 0, -200e-6 * _moves(q, 0))  # noqa: E731
+    stiff = lambda q: moved(q, k, -250e-6 * np.tanh(_moves(q, k) / 0.5))  # noqa: E731
     here = (names[k],)
     return {
         "none": ForeignCause(np.copy, None, (), ()),
@@ -106,15 +97,9 @@ def said_of(kind: str, stated: bool, index: int, seed: int) -> Row:
     """One day, and what the diagnosis says of it."""
     cause = _causes(np.random.default_rng([seed, index]))[kind]
     day = draw_day(_SETTING, index, seed, cause.truth, cause.floor)
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        write_day(folder, day)
-        path = folder / "cell.toml"
-        if stated:
-            known = f"repeatability_mm = {_SIGMA * 1e3:.4g}\n[markers_mm]"
-            path.write_text(path.read_text("utf-8").replace("[markers_mm]", known), "utf-8")
-        cell = calib.load_cell(path)
-        found = calib.diagnose(cell, calib.load_measurements(cell, folder / "measurements.csv"))
+    known = (f"repeatability_mm = {_SIGMA * 1e3:.4g}",) if stated else ()
+    own = read(day, known)
+    found = calib.diagnose(own.cell, own.data)
     names = [(c.name, c.where) for c in found.causes]
     right = [(effect, place) for effect in cause.effects for place in cause.places]
     places = {place for _, place in names} | {place.where for place in found.located}

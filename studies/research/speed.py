@@ -17,8 +17,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,7 +28,6 @@ from typing import Any
 import click
 
 import calib
-from calib.errors import CalibError
 from studies.research import problems
 from studies.research.bench import Output, Row, bench, count, real_data, table
 
@@ -84,17 +85,14 @@ def design(p: int, candidates: int, *more: str) -> Runs:
 # -- in the library --------------------------------------------------------------------------------
 
 
-def inside(name: str) -> Runs:
-    """Runs of a function of ``LIBRARY`` in one process of their own."""
+def inside(measure: Runs) -> Runs:
+    """Runs of a function in one process of their own."""
 
-    def measure(repeats: int) -> list[float]:
-        run = [sys.executable, "-m", "studies.research.speed", "--inside", name]
-        done = subprocess.run([*run, "--repeats", str(repeats)], stdout=subprocess.PIPE)  # noqa: S603
-        if done.returncode:
-            raise CalibError(f"{name} was not measured; see the line above")
-        return [float(value) for value in json.loads(done.stdout)]
+    def apart(repeats: int) -> list[float]:
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            return pool.submit(measure, repeats).result()
 
-    return measure
+    return apart
 
 
 def most_mb(runs: Runs, repeats: int) -> list[float]:
@@ -155,26 +153,16 @@ def _refits() -> Callable[..., Any]:
     return run
 
 
-LIBRARY: dict[str, Runs] = {
-    "pool": pool,
-    "pool-mb": partial(most_mb, pool),
-    "identify": fits,
-    "refits": refits,
-    "workers": two_workers,
-}
-_IN_LIBRARY = {
-    "pool": ("pool of 1e6, link weights, in the library", "s"),
-    "pool-mb": ("its memory", "MB"),
-    "identify": ("identify 1495 x 3, in the library", "s"),
-    "refits": ("1000 refits of 15 poses, in the library", "s"),
-    "workers": ("their gain by two workers", "x"),
-}
 SPEEDS: dict[str, tuple[str, str, Runs]] = {
     "import": ("import calib", "s", partial(process, ["-c", "import calib"])),
     "help": ("posecal --help", "s", command("--help")),
     "design": ("posecal design, 1e5 candidates, p 9", "s", design(9, 100_000)),
     "design-42": ("posecal design, 2e4 candidates, p 42", "s", design(42, 20_000)),
-    **{name: (*says, inside(name)) for name, says in _IN_LIBRARY.items()},
+    "pool": ("pool of 1e6, link weights, in the library", "s", inside(pool)),
+    "pool-mb": ("its memory", "MB", inside(partial(most_mb, pool))),
+    "identify": ("identify 1495 x 3, in the library", "s", inside(fits)),
+    "refits": ("1000 refits of 15 poses, in the library", "s", inside(refits)),
+    "workers": ("their gain by two workers", "x", inside(two_workers)),
     "demo": ("posecal demo", "s", command("demo", "demo")),
 }
 """By name: what is measured, its unit, and how."""
@@ -191,13 +179,10 @@ def row(name: str, repeats: int) -> Row:
 @bench(
     click.option("--only", "names", multiple=True, type=click.Choice(list(SPEEDS)), help="These."),
     count("--repeats", 5),
-    click.option("--inside", "library", type=click.Choice(list(LIBRARY)), hidden=True),
 )
-def main(names: tuple[str, ...], repeats: int, library: str | None, seed: int) -> Output:
+def main(names: tuple[str, ...], repeats: int, seed: int) -> Output:
     """Measure every speed; some minutes."""
     del seed
-    if library is not None:
-        return [json.dumps(LIBRARY[library](repeats))], None
     load = os.getloadavg()
     with TemporaryDirectory() as folder:
         os.environ.setdefault("PYTHONPYCACHEPREFIX", folder)

@@ -169,7 +169,7 @@ def measured(arm: Arm, seed: int, *causes: Cause, louder: float = 1.0) -> Case:
     rng = np.random.default_rng(seed)
     case = case_of(draw_scene(rng, arm, CONDITIONS), *causes)
     noise = case.scene.noise.coloured(rng.normal(size=case.clean.shape), case.clean)
-    return replace(case, conditions=CONDITIONS, noisy=case.clean + louder * noise)
+    return replace(case, noisy=case.clean + louder * noise)
 
 
 def files(folder: Path, case: Case) -> tuple[Cell, Measurements, Measurements]:

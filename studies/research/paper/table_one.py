@@ -13,7 +13,6 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.arm.robot import Robot
 from calib.arm.se3 import transform
@@ -45,7 +44,6 @@ TRUTH = np.array([3e-3, 2e-3, 5e-3, *np.radians([1.0, 0.5, 2.0])])
 """Errors of the link lengths [m] and joint offsets [rad] in the paper's simulation study."""
 SIGMA = 1e-5
 _LINKS = (("q2", 2), ("q3", 0), ("tip", 0))  # l_1 along z to joint 2, l_2 and l_3 along x
-_SHOWN_M = (0.02, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +142,9 @@ def simulated(experiment: SimulatedExperiment, trials: int, seed: int = 0) -> di
     return refits(experiment, [found[PLAIN.key], found[POINTS.key]], trials, seed=seed)
 
 
-def within(ours: Array, printed: Array, share: float = 0.15) -> NDArray[np.bool_]:
-    """Whether figures agree with printed ones to a share, or to the rounding of three decimals."""
-    return np.asarray((np.abs(ours / printed - 1.0) <= share) | (np.abs(ours - printed) <= 0.5e-3))
-
-
 @bench(count("--trials", 1000, help="Simulated calibrations."))
 def main(trials: int, seed: int) -> Output:
-    """Table I beside its reproduction and the simulation, and with other lengths."""
+    """Table I beside its reproduction and the simulation."""
     setting, printed = embedded_setting(), embedded()["printed"]
     experiment = experiment_at(setting)
     found = predictions_at(experiment)
@@ -175,10 +168,8 @@ def main(trials: int, seed: int) -> Output:
         for i, name in enumerate(PARAMETERS)
     ]
     above = f"Table I: standard deviations, {trials} simulated calibrations\n"
-    others = "\nthe same with other lengths: #1 over #2\n"
-    lengths = _with_other_lengths(setting)
-    shown = [above, table(rows), _told(setting), others, table(lengths)]
-    return shown, {"table": rows, "lengths": lengths}
+    shown = [above, table(rows), _told(setting)]
+    return shown, {"table": rows}
 
 
 def _factors(found: dict[str, Prediction]) -> Array:
@@ -192,15 +183,6 @@ def _told(setting: Setting) -> str:
         f"\nfor the configurations {angles} deg,\nmarkers {points} mm from the tip, length "
         f"{setting.length * 1e3:.4g} mm: one set of many that print the same table"
     )
-
-
-def _with_other_lengths(setting: Setting) -> list[Row]:
-    rows: list[Row] = []
-    for length in sorted({*_SHOWN_M, *(share * setting.length for share in (0.25, 0.5, 1.0, 2.0))}):
-        factors = _factors(predictions_at(experiment_at(replace(setting, length=length))))
-        told = {f"d{name}": f"{f:.2f}" for name, f in zip(PARAMETERS, factors, strict=True)}
-        rows.append({"length [mm]": f"{1e3 * length:.4g}", **told})
-    return rows
 
 
 if __name__ == "__main__":

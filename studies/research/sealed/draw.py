@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -43,6 +43,8 @@ MIXED = (3, 8)  # causes
 WHOLE = ("backlash", "gear_ripple", "transmission_harmonic", "joint_compliance")
 _FOREIGN_POSES, _FOREIGN_ONE_MARKER = (28, 60), 0.2
 _SIZE_ROUNDS, _TRIES = 4, 8
+Scattering = tuple[tuple[float, float], float]
+"""Ratio to the instrument's noise, and share of arms that scatter in their joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,6 @@ class Case:
     """
 
     family: str
-    conditions: Conditions
     scene: Scene
     causes: tuple[Cause, ...]
     noncentrality: tuple[float, ...]
@@ -75,21 +76,16 @@ class Case:
 
 
 class Draft:
-    """A scene at rest, and how to measure what moves it.
-
-    scatter : ratio to the instrument's noise, and share of arms that scatter in their joints; None of
-        an arm that comes back exactly
-    """
+    """A scene at rest, and how to measure what moves it; without scatter the arm comes back exactly."""
 
     def __init__(
         self,
         rng: np.random.Generator,
-        conditions: Conditions,
         scene: Scene,
-        scatter: tuple[tuple[float, float], float] | None,
+        scatter: Scattering | None,
     ) -> None:
-        self.rng, self.conditions, self.mechanism = rng, conditions, scene.mechanism()
-        self.seen = _seen(rng, conditions, scene)
+        self.rng, self.mechanism = rng, scene.mechanism()
+        self.seen = _seen(rng, scene)
         self.still = at_rest(scene, self.mechanism, ())
         self.scene = with_scatter(rng, scene, self.still, *scatter) if scatter else scene
         self.projector = Projector(self.scene, self.still, self.seen & ~scene.session.held[:, None])
@@ -122,10 +118,9 @@ class Draft:
         if scene.scatter is not None:
             wander = scene.scatter.drawn(self.rng, scene.session.visit)
             reached = at_rest(scene, self.mechanism, [*everything, wander])
-        noisy, outliers = _with_noise(self.rng, self.conditions, scene, reached.readings)
+        noisy, outliers = _with_noise(self.rng, scene, reached.readings)
         return Case(
             family=family,
-            conditions=self.conditions,
             scene=scene,
             causes=tuple(everything),
             noncentrality=tuple(float(r @ r) for r in rests),
@@ -146,21 +141,21 @@ def _rms(moved: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=-1))))
 
 
-def _seen(rng: np.random.Generator, conditions: Conditions, scene: Scene) -> Mask:
+def _seen(rng: np.random.Generator, scene: Scene) -> Mask:
     """Which markers the instrument saw, shape (N, M); one at least of each reading."""
     seen = np.ones((scene.count, len(scene.markers)), dtype=bool)
-    if conditions.hidden:
+    if scene.conditions.hidden:
         seen = rng.random(seen.shape) > 0.10
         seen[~seen.any(axis=1), 0] = True
     return seen
 
 
 def _with_noise(
-    rng: np.random.Generator, conditions: Conditions, scene: Scene, clean: Array
+    rng: np.random.Generator, scene: Scene, clean: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """Normal noise, and gross errors in 3 % of the fitted poses: one reflector, or all alike."""
     noisy = clean + scene.noise.coloured(rng.normal(size=clean.shape), clean)
-    if not conditions.outliers:
+    if not scene.conditions.outliers:
         return noisy, ()
     fitted = np.flatnonzero(~scene.session.held)
     chosen = np.sort(rng.choice(fitted, max(1, round(0.03 * len(fitted))), replace=False))
@@ -313,17 +308,57 @@ _FOREIGN: dict[str, Family] = {
 # -- populations -----------------------------------------------------------------------------------
 
 
+def _drawn(
+    rng: np.random.Generator,
+    family: str,
+    scene: Callable[[np.random.Generator], Scene],
+    scatter: Scattering | None,
+    case: Callable[[Draft, str], Case],
+) -> Case:
+    """A case of a family in the first scene that can have one."""
+    while True:
+        drawn = scene(rng)
+        try:
+            return case(Draft(rng, drawn, scatter), family)
+        except (Unsuitable, RuntimeError):  # the latter: too soft for its loads
+            continue
+
+
 def draw_case(rng: np.random.Generator, family: str, arm_noise: bool = False) -> Case:
     """A case of the first families; arm_noise : of an arm that scatters between approaches."""
-    while True:
-        arm = ARMS[int(rng.integers(len(ARMS)))]
-        conditions = draw_conditions(rng)
-        scene = draw_scene(rng, arm, conditions)
-        try:
-            draft = Draft(rng, conditions, scene, _ARM_NOISE if arm_noise else None)
-            return _first_case(draft, family)
-        except Unsuitable:
-            continue
+    return _drawn(rng, family, _usual, _ARM_NOISE if arm_noise else None, _first_case)
+
+
+def draw_real_case(rng: np.random.Generator, family: str) -> Case:
+    """A case of an arm as real ones are: it scatters, ripples, settles, from several causes at once."""
+    scene = partial(_real, whole=family == "whole")
+    return _drawn(rng, family, scene, _REAL_NOISE, partial(_real_case, _REAL))
+
+
+def draw_foreign_case(rng: np.random.Generator, family: str) -> Case:
+    """A case whose causes follow other formulas: one, one kind at all joints, or these and one more."""
+    return _drawn(rng, family, _strange, _REAL_NOISE, partial(_real_case, _FOREIGN))
+
+
+def _usual(rng: np.random.Generator) -> Scene:
+    arm = ARMS[int(rng.integers(len(ARMS)))]
+    return draw_scene(rng, arm, draw_conditions(rng))
+
+
+def _real(rng: np.random.Generator, whole: bool) -> Scene:
+    arm = draw_arm(rng)
+    scene = draw_scene(rng, arm, draw_real_conditions(rng))
+    return scene.rigid() if whole else scene
+
+
+def _strange(rng: np.random.Generator) -> Scene:
+    arm = draw_arm(rng)
+    conditions = Conditions(
+        configurations=int(rng.integers(*_FOREIGN_POSES, endpoint=True)),
+        visit="once",
+        one_marker=rng.random() < _FOREIGN_ONE_MARKER,
+    )
+    return draw_scene(rng, arm, conditions)
 
 
 def _first_case(draft: Draft, family: str) -> Case:
@@ -337,57 +372,16 @@ def _first_case(draft: Draft, family: str) -> Case:
     return draft.case(family, causes, rests, beside)
 
 
-def draw_real_case(rng: np.random.Generator, family: str) -> Case:
-    """A case of an arm as real ones are: it scatters, ripples, settles, from several causes at once."""
-    while True:
-        arm = draw_arm(rng)
-        conditions = draw_real_conditions(rng)
-        scene = draw_scene(rng, arm, conditions)
-        if family == "whole":
-            scene = replace(scene, compliance=scene.compliance * 0.0, modelled=(), knots={})
-        try:
-            return _real_case(rng, family, conditions, scene, _REAL)
-        except Unsuitable:
-            continue
-
-
-def draw_foreign_case(rng: np.random.Generator, family: str) -> Case:
-    """A case whose causes follow other formulas: one, one kind at all joints, or these and one more."""
-    while True:
-        arm = draw_arm(rng)
-        conditions = Conditions(
-            configurations=int(rng.integers(*_FOREIGN_POSES, endpoint=True)),
-            visit="once",
-            one_marker=rng.random() < _FOREIGN_ONE_MARKER,
-        )
-        scene = draw_scene(rng, arm, conditions)
-        try:
-            return _real_case(rng, family, conditions, scene, _FOREIGN)
-        except Unsuitable:
-            continue
-
-
-def _real_case(
-    rng: np.random.Generator,
-    family: str,
-    conditions: Conditions,
-    scene: Scene,
-    families: Mapping[str, Family],
-) -> Case:
-    """A scene with the causes of a family. Raises Unsuitable."""
-    try:
-        draft = Draft(rng, conditions, scene, _REAL_NOISE)
-        causes = families[family](draft)
-        background = _background(draft, causes) if conditions.background else []
-        everything = [*causes, *background]
-        rests = [draft.rest(cause) for cause in everything]
-        moves = [tangents(draft.scene, draft.mechanism, draft.still, cause) for cause in causes]
-        spans = [draft.projector.span(columns) for columns in moves]
-        beside = beside_others(rests, [*spans, *(rest[:, None] for rest in rests[len(causes) :])])
-        missed = _excess(draft, everything, moves, beside)
-        return draft.case(family, causes, rests, beside, background, missed)
-    except RuntimeError:  # too soft for its loads
-        raise Unsuitable from None
+def _real_case(families: Mapping[str, Family], draft: Draft, family: str) -> Case:
+    causes = families[family](draft)
+    background = _background(draft, causes) if draft.scene.conditions.background else []
+    everything = [*causes, *background]
+    rests = [draft.rest(cause) for cause in everything]
+    moves = [tangents(draft.scene, draft.mechanism, draft.still, cause) for cause in causes]
+    spans = [draft.projector.span(columns) for columns in moves]
+    beside = beside_others(rests, [*spans, *(rest[:, None] for rest in rests[len(causes) :])])
+    missed = _excess(draft, everything, moves, beside)
+    return draft.case(family, causes, rests, beside, background, missed)
 
 
 def _background(draft: Draft, causes: list[Cause]) -> list[Cause]:

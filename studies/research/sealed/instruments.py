@@ -33,6 +33,7 @@ _NONCENTRALITY = (60.0, 3000.0)
 _NARROW = 0.12  # of the joints' ranges: a board in the world stays before a camera on the tip
 _FEWEST = 50  # readings of a fit
 _LARGEST = {"focal_scale": 0.03, "board_scale": 0.03, "focal_drift": 3e-3, "focal_expansion": 8e-4}
+_PIXEL, _BODY = 0.2, (8e-5, 2e-4)  # px; m and rad, of each coordinate
 _ROUNDS, _CLOSER, _NEAR = 10, 6, 1e-4  # m: from there contact is reached
 
 
@@ -94,8 +95,7 @@ def draw_sensed(rng: np.random.Generator, family: str, kind: str = "") -> Sensed
 
 
 def _filled(rng: np.random.Generator, family: str, kind: str) -> Sensed:
-    scene = draw_scene(rng, ARMS[int(rng.integers(2))], Conditions(known_geometry=True))
-    scene = replace(scene, compliance=scene.compliance * 0.0, modelled=(), knots={})
+    scene = draw_scene(rng, ARMS[int(rng.integers(2))], Conditions(known_geometry=True)).rigid()
     if kind == "tip camera":
         q = scene.session.q
         near = np.radians(np.round(np.degrees(q[0] + _NARROW * (q - q[0])), 6))
@@ -184,21 +184,21 @@ def _placed(rng: np.random.Generator, kind: str, scene: Scene, mechanism: Mechan
     if kind == "world camera":
         eye = middle + 3.0 * reach * away
         shape = rng.uniform(-1.0, 1.0, (9, 3)) * tool
-        return Camera(_toward(rng, -away), eye, *on, shape, rides=False)
+        return Camera(_toward(rng, -away), eye, *on, _PIXEL, shape, rides=False)
     if kind == "tip camera":
         ahead = R[0] @ on[0], p[0] + R[0] @ (on[1] + on[0] @ [0.0, 0.0, 8.0 * tool])
         flat = np.array([[x, y, 0.0] for y in range(4) for x in range(5)]) - [2.0, 1.5, 0.0]
         tilt = rotation(np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(-3.0, 3.0)]))
-        return Camera(*on, ahead[0] @ tilt, ahead[1], flat * 0.6 * tool, rides=True)
+        return Camera(*on, ahead[0] @ tilt, ahead[1], _PIXEL, flat * 0.6 * tool, rides=True)
     frame = Rotation.random(rng=rng).as_matrix(), middle + 2.5 * reach * away
     if kind == "pose":
-        return Bodies(*frame, *on)
+        return Bodies(*frame, *on, *_BODY)
     ball = rng.uniform(0.4, 1.0, 3) * tool
     guess, sigma = ball + rng.normal(size=3) * 3e-3, 3.0 * scene.arm.sigma
     if kind == "distance":
-        return Wire(*frame, on[0], ball, guess, sigma)
+        return Wire(*frame, on[0], ball, sigma, guess)
     centres = (p + R @ ball)[rng.permutation(scene.count)[:4]]
-    return Nests(*frame, on[0], ball, guess, sigma, centres)
+    return Nests(*frame, on[0], ball, sigma, guess, centres)
 
 
 def _toward(rng: np.random.Generator, z: Array) -> Array:

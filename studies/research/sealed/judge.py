@@ -45,6 +45,8 @@ def unit(effect: str, name: str, slides: bool = False, timed: bool = True) -> st
 LARGEST_CLASS = 4
 VISIBLE = 60.0  # noncentrality above which a cause counts as visible
 CONFIDENT = 0.9
+SENSED = "other instruments"
+"""How keys of cases that other instruments read are marked."""
 _Z = 1.96
 _SEEN = {"mixture": max, "whole": max}
 _WITH_INTERVALS = ("single", "pair", "mixture", "whole", "instrument")

@@ -11,9 +11,8 @@ import numpy as np
 
 from studies.research.sealed.draw import Case
 from studies.research.sealed.instruments import Fault, Sensed
-from studies.research.sealed.judge import SI, unit
-from studies.research.sealed.score import SENSED
-from studies.research.truth.causes import Cause, Foreign
+from studies.research.sealed.judge import SENSED, SI, unit
+from studies.research.truth.causes import Cause
 from studies.research.truth.conditions import PAIRED, Conditions
 from studies.research.truth.effects import HARMONICS, TUNED, is_outside
 from studies.research.truth.files import (
@@ -46,7 +45,7 @@ def write_sensed(folder: Path, case: Sensed) -> None:
     write_scene(folder, case.scene, cell_of_reader(folder.name, case.scene.arm, case.reader), table)
 
 
-def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
+def key_of_sensed(case: Sensed) -> Entry:
     """Everything that scoring needs."""
     cause, conditions = case.cause, asdict(Conditions(known_geometry=True))
     effects = []
@@ -64,7 +63,8 @@ def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
             }
         )
     return {
-        **_head(name, index, salt, case.family, case.scene),
+        "family": case.family,
+        "robot": case.scene.arm.name,
         "draw": SENSED,
         "conditions": {**conditions, "rigid": [], "reader": case.kind},
         "effects": effects,
@@ -73,11 +73,6 @@ def key_of_sensed(case: Sensed, name: str, index: int, salt: str) -> Entry:
         "floor_mm": case.reader.floor,  # px of a camera, as the answers have it
         "outliers": [],
     }
-
-
-def _head(name: str, index: int, salt: str, family: str, scene: Scene) -> Entry:
-    named = {"schema": 1, "salt": salt, "case": name, "index": index, "family": family}
-    return {**named, "robot": scene.arm.name}
 
 
 _OF_FAULT = {
@@ -107,12 +102,12 @@ def _values(
     return found
 
 
-def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
+def key_of(case: Case) -> Entry:
     """Everything that scoring needs, and the truth for who wants to look."""
     scene, held = case.scene, case.scene.session.held
     noise = (case.noisy - case.clean)[held][case.seen[held]]
     rigid = [joint for joint in scene.arm.soft if joint not in scene.modelled]
-    conditions = {**asdict(case.conditions), "rigid": rigid, "markers": len(scene.markers)}
+    conditions = {**asdict(scene.conditions), "rigid": rigid, "markers": len(scene.markers)}
     drawn = zip(case.causes, case.noncentrality, case.beside, strict=True)
     entries = [_entry(scene, *one) for one in drawn]
     for entry in entries[len(entries) - case.background :]:
@@ -120,7 +115,8 @@ def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
     outside = case.family == "outside"
     floor = _floor(case)
     key: Entry = {
-        **_head(name, index, salt, case.family, scene),
+        "family": case.family,
+        "robot": scene.arm.name,
         "conditions": conditions,
         "effects": entries[1:] if outside else entries,
         "outside": entries[0] if outside else None,
@@ -140,7 +136,7 @@ def key_of(case: Case, name: str, index: int, salt: str) -> Entry:
             "markers_mm": (scene.markers * 1e3).tolist(),
         },
     }
-    if case.conditions.visit != PAIRED:
+    if scene.conditions.visit != PAIRED:
         key["draw"] = "real arms"
         key["reachable_mm"] = float(np.hypot(floor, np.sqrt(case.excess or 0.0))) * 1e3
     if scene.scatter is not None:
@@ -188,7 +184,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> Entry:
         return entry
     if cause.shape is not None:
         entry["shape"] = {"joint": scene.arm.names[cause.shape[0]], "phase_rad": cause.shape[1]}
-    if isinstance(cause, Foreign) and cause.alike:
+    if cause.alike:
         entry["alike"] = list(cause.alike)
     if cause.effect == "friction_windup":
         entry["twins"] = [f"backlash:{cause.where}"]  # both follow the approach alone
@@ -196,7 +192,7 @@ def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> Entry:
     slides = cause.where in scene.arm.names and cause.where not in scene.arm.turning
     scored = cause.effect not in _UNSCORED and cause.scored
     whole = Cause(cause.effect, cause.where, {**_absent(scene, cause), **cause.values}, cause.size)
-    entry["parameters"] = _values(whole, scored, slides, "time" in scene.columns)
+    entry["parameters"] = _values(whole, scored, slides, "time" in scene.conditions.columns)
     return entry
 
 
@@ -214,7 +210,7 @@ def _tuning(scene: Scene, cause: Cause) -> Entry:
     if cause.effect == "step":
         at, pace = cause.values["at"], float(clock[-1]) / (len(clock) - 1)
         gap = (float(clock[clock < at].max()), float(clock[clock >= at].min()))
-        shown = "s" if "time" in scene.columns else "readings"
+        shown = "s" if "time" in scene.conditions.columns else "readings"
         return {"tuned": _near(cause, "at", shown, READINGS * pace), "between": {"at": gap}}
     return {}
 

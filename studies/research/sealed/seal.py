@@ -1,4 +1,4 @@
-"""Cases are made and programs answer; keys are committed before, answers before a key is opened."""
+"""Cases are made and answered; keys are committed before, answers before a key is opened."""
 
 from __future__ import annotations
 
@@ -6,31 +6,63 @@ import hashlib
 import json
 import os
 import secrets
-import shlex
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import click
+import numpy as np
+
+from studies.research.sealed import draw, instruments, key
+
 COMMITMENT = "commitment.json"
-DIAGNOSIS = "diagnosis"
-"""Name of the answers that are judged against the bars; other programs have names of their own."""
-DIAGNOSE = shlex.join(
-    [
-        *(sys.executable, "-c", "from studies.cli import run; run()", "diagnose"),
-        *("{cell}", "{data}", "--holdout", "{heldout}", "--json", "{answer}"),
-    ]
+DIAGNOSE = (
+    *(sys.executable, "-c", "from studies.cli import run; run()", "diagnose"),
+    *("{cell}", "{data}", "--holdout", "{heldout}", "--json", "{answer}"),
 )
 """``posecal diagnose CELL DATA --holdout HELDOUT --json ANSWER`` of the package that runs this."""
 
 
 class BrokenSeal(Exception):
     """A file is not what was committed."""
+
+
+@dataclass(frozen=True)
+class Population:
+    """Cases of one kind; shares : of its families."""
+
+    shares: Mapping[str, float]
+    draw: Callable[[np.random.Generator, str], Any]
+    write: Callable[[Path, Any], None] = key.write_case
+    key: Callable[[Any], dict[str, Any]] = key.key_of
+
+
+POPULATIONS = {
+    "first": Population(draw.FIRST_SHARES, draw.draw_case),
+    "arm_noise": Population(draw.FIRST_SHARES, partial(draw.draw_case, arm_noise=True)),
+    "real_arms": Population(draw.REAL_SHARES, draw.draw_real_case),
+    "foreign": Population(draw.FOREIGN_SHARES, draw.draw_foreign_case),
+    "instruments": Population(
+        instruments.SHARES, instruments.draw_sensed, key.write_sensed, key.key_of_sensed
+    ),
+}
+"""The first families; the same with arms that scatter; arms as real ones are; causes by
+other formulas; other instruments."""
+
+
+def families(rng: np.random.Generator, count: int, shares: Mapping[str, float]) -> list[str]:
+    """The family of each case: fixed shares in an order that tells nothing."""
+    ends = np.round(np.cumsum([0.0, *shares.values()]) * count).astype(int)
+    whole = [f for f, (a, b) in zip(shares, pairwise(ends), strict=True) for _ in range(b - a)]
+    return [whole[i] for i in rng.permutation(count)]
 
 
 def digest(path: Path) -> str:
@@ -55,36 +87,25 @@ def case_names(folder: Path) -> list[str]:
     return sorted(read_json(folder / COMMITMENT)["keys"])
 
 
-def make(
-    folder: Path,
-    count: int,
-    seed: int,
-    progress: Callable[[], object] = lambda: None,
-    *,
-    population: str = "first",
-) -> None:
+def make(folder: Path, count: int, seed: int, population: str = "first") -> None:
     """Write cases of a population, keys, and last the commitment.
 
     Raises FileExistsError where the folder holds cases already.
     """
-    import numpy as np
-
-    from studies.research.sealed.populations import POPULATIONS, families
-
     if (folder / COMMITMENT).exists() or (folder / "cases").exists():
         raise FileExistsError(f"{folder}: holds cases already; name a new folder")
     (folder / "keys").mkdir(parents=True)
     own = POPULATIONS[population]
     drawn = families(np.random.default_rng([seed, count]), count, own.shares)
-    for index, family in enumerate(drawn):
-        name = f"case_{index:04d}"
-        # Each index has its own stream of random numbers.
-        case = own.draw(np.random.default_rng([seed, index]), family)
-        own.write(folder / "cases" / name, case)
-        # The salt keeps the hash from being found by trying all that could have been drawn.
-        key = own.key(case, name, index, secrets.token_hex(16))
-        write_json(folder / "keys" / f"{name}.json", key)
-        progress()
+    with click.progressbar(drawn, file=sys.stderr, label="cases") as bar:
+        for index, family in enumerate(bar):
+            name = f"case_{index:04d}"
+            # Each index has its own stream of random numbers.
+            case = own.draw(np.random.default_rng([seed, index]), family)
+            own.write(folder / "cases" / name, case)
+            # The salt keeps the hash from being found by trying all that could have been drawn.
+            head = {"schema": 1, "salt": secrets.token_hex(16), "case": name, "index": index}
+            write_json(folder / "keys" / f"{name}.json", {**head, **own.key(case)})
     drawn_by = {} if population == "first" else {population: True}
     write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count, **drawn_by})
     # Every key, and every file of every case so that none is exchanged.
@@ -94,127 +115,98 @@ def make(
     write_json(folder / COMMITMENT, {"schema": 1, "keys": keys, "files": files})
 
 
-def answers_folder(folder: Path, program: str) -> Path:
-    """Where the answers of one program are, one file a case; their commitment beside it."""
-    return folder / "answers" / program
+def answer_of(folder: Path, name: str) -> Path:
+    """Where the answer to a case is; the commitment to all of them is beside their folder."""
+    return folder / "answers" / "diagnosis" / f"{name}.json"
 
 
-def commit_answers(
-    folder: Path, runs: dict[str, Any], command: list[str], program: str = DIAGNOSIS
-) -> None:
-    """Hash every answer of a program; a run that failed has none.
+def commit_answers(folder: Path, runs: dict[str, Any], command: Sequence[str]) -> None:
+    """Hash every answer; a run that failed has none.
 
     The commitment to the keys is hashed too, so that answers belong to one set of keys.
     """
     for name, run in runs.items():
-        path = answers_folder(folder, program) / f"{name}.json"
+        path = answer_of(folder, name)
         run["sha256"] = digest(path) if path.exists() else None
     content = {"schema": 1, "command": command, "keys": digest(folder / COMMITMENT), "runs": runs}
-    write_json(folder / "answers" / f"{program}.json", content)
+    write_json(folder / "answers" / "diagnosis.json", content)
 
 
-@dataclass(frozen=True)
-class Answered:
-    """What one program said and did: answer by case, None for a run that failed, and its runs.
-
-    Of all cases, or of the first.
-    """
-
-    answers: dict[str, Any]
-    runs: dict[str, Any]
-
-
-def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Answered]]:
-    """Keys by case, and what each program answered, the diagnosis first.
+def opened(folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Keys by case; the runs of all cases or of the first, and their answers, None where one failed.
 
     All answers are checked before any key is read. Raises BrokenSeal where answers were not committed,
     or anything differs from what was.
     """
     if not (folder / COMMITMENT).exists():
         raise BrokenSeal(f"{folder}: holds no sealed cases; make them first")
-    names = [path.stem for path in (folder / "answers").glob("*.json")]
-    ordered = sorted(names, key=lambda name: (name != DIAGNOSIS, name))
-    answered = {program: _committed(folder, program) for program in ordered}
-    if not answered:
+    if not (folder / "answers" / "diagnosis.json").exists():
         raise BrokenSeal(f"{folder}: answers are not committed; run the diagnosis first")
+    committed = read_json(folder / "answers" / "diagnosis.json")
+    if committed["keys"] != digest(folder / COMMITMENT):
+        raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
+    runs, answers = committed["runs"], dict[str, Any]()
+    if sorted(runs) != case_names(folder)[: len(runs)]:
+        raise BrokenSeal(f"{folder}: answers are of chosen cases; all of them, or the first, count")
+    for name, run in runs.items():
+        _same(answer_of(folder, name), run["sha256"])
+        answers[name] = read_json(answer_of(folder, name)) if run["sha256"] else None
     commitment = read_json(folder / COMMITMENT)
     for name, known in commitment["files"].items():
         _same(folder / "cases" / name, known)
     for name, known in commitment["keys"].items():
         _same(folder / "keys" / f"{name}.json", known)
     keys = {name: read_json(folder / "keys" / f"{name}.json") for name in commitment["keys"]}
-    return keys, answered
-
-
-def _committed(folder: Path, program: str) -> Answered:
-    """The answers of one program, as they were committed."""
-    committed = read_json(folder / "answers" / f"{program}.json")
-    if committed["keys"] != digest(folder / COMMITMENT):
-        raise BrokenSeal(f"{folder / COMMITMENT}: changed after the answers were committed")
-    runs = committed["runs"]
-    if sorted(runs) != case_names(folder)[: len(runs)]:
-        raise BrokenSeal(f"{folder}: answers are of chosen cases; all of them, or the first, count")
-    answers: dict[str, Any] = {}
-    for name, run in runs.items():
-        path = answers_folder(folder, program) / f"{name}.json"
-        _same(path, run["sha256"])
-        answers[name] = read_json(path) if run["sha256"] else None
-    return Answered(answers, runs)
+    return keys, runs, answers
 
 
 def _same(path: Path, known: str | None) -> None:
-    if known is None and not path.exists():
-        return
-    if not path.exists() or digest(path) != known:
+    if (digest(path) if path.exists() else None) != known:
         raise BrokenSeal(f"{path}: is not the file that was committed")
 
 
 def run(
     folder: Path,
     *,
-    program: str = DIAGNOSIS,
-    command: str | None = None,
+    command: Sequence[str] = DIAGNOSE,
     workers: int = 1,
     limit: float = 120.0,
     first: int | None = None,
-    progress: Callable[[], object] = lambda: None,
 ) -> dict[str, Any]:
-    """Let one program answer every case anew and commit its answers; those of others stay.
+    """Let the diagnosis answer every case anew, and commit the answers.
 
-    program : name of the answers, which are in a folder of that name
-    command : template with {cell}, {data}, {heldout} and {answer}, which are absolute paths; by
-        default that of the diagnosis
+    command : words with {cell}, {data}, {heldout} and {answer}, which are absolute paths
     limit : s, for one case; first : how many cases, all without
     Returns what became of each case: "answered", "failed" or "too slow", and its seconds.
     """
-    names = case_names(folder)[:first]
-    parts = shlex.split(DIAGNOSE if command is None else command)
-    answers = answers_folder(folder, program).resolve()
-    (folder / "answers" / f"{program}.json").unlink(missing_ok=True)
+    names, answers = case_names(folder)[:first], answer_of(folder, "").parent
+    (folder / "answers" / "diagnosis.json").unlink(missing_ok=True)
     shutil.rmtree(answers, ignore_errors=True)
     answers.mkdir(parents=True)
 
     def one(name: str) -> dict[str, Any]:
-        became = _answer((folder / "cases" / name).resolve(), answers, parts, limit)
-        progress()
-        return became
+        case, answer = (folder / "cases" / name).resolve(), answer_of(folder, name).resolve()
+        return _answered(case, answer, command, limit)
 
-    with ThreadPoolExecutor(workers) as pool:
-        runs = dict(zip(names, pool.map(one, names), strict=True))
-    commit_answers(folder, runs, parts, program)
+    bar = click.progressbar(length=len(names), file=sys.stderr, label="answers")
+    runs = {}
+    with bar, ThreadPoolExecutor(workers) as pool:
+        for name, became in zip(names, pool.map(one, names), strict=True):
+            runs[name] = became
+            bar.update(1)
+    commit_answers(folder, runs, command)
     return runs
 
 
-def _answer(case: Path, answers: Path, parts: list[str], limit: float) -> dict[str, Any]:
-    answer = answers / f"{case.name}.json"
+def _answered(case: Path, answer: Path, command: Sequence[str], limit: float) -> dict[str, Any]:
     tables = {"data": case / "measurements.csv", "heldout": case / "heldout.csv"}
-    command = [part.format(cell=case / "cell.toml", answer=answer, **tables) for part in parts]
+    words = [word.format(cell=case / "cell.toml", answer=answer, **tables) for word in command]
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     begun = time.perf_counter()
     with answer.with_suffix(".log").open("wb") as log:
         try:
             done = subprocess.run(  # noqa: S603
-                command, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+                words, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
                 timeout=limit, env={**os.environ, **one_thread}, check=False,
             )  # fmt: skip
             status = "answered" if done.returncode == 0 and _readable(answer) else "failed"

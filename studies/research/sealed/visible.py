@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from studies.research.truth.arms import Array, Mask
-from studies.research.truth.causes import Cause, Foreign
+from studies.research.truth.causes import Cause
 from studies.research.truth.effects import TUNED, is_outside
 from studies.research.truth.mechanism import Mechanism, State, frame_columns
 from studies.research.truth.scene import Scene, at_rest
@@ -21,7 +21,10 @@ _SAME, _SAME_COLUMN = 1e-8, 1e-3
 def modelled_columns(scene: Scene, state: State) -> Array:
     """Derivatives of the points by all that the user's model leaves free, (N, M, 3, p), base axes."""
     arm, (N, M) = scene.arm, state.points.shape[:2]
-    columns = [frame_columns(state, k) for k in range(1 if scene.known_geometry else arm.dof + 2)]
+    columns = [
+        frame_columns(state, k)
+        for k in range(1 if scene.conditions.known_geometry else arm.dof + 2)
+    ]
     for marker in range(M):
         alone = np.zeros((N, M, 3, 3))
         alone[:, marker] = state.R_link[:, -1]
@@ -100,7 +103,7 @@ def tangents(scene: Scene, mechanism: Mechanism, still: State, cause: Cause) -> 
 
     By differences of the simulator at the true size; tuned parameters keep their true values.
     """
-    if isinstance(cause, Foreign) or is_outside(cause.effect):  # nobody fits a parameter of it
+    if cause.act is not None or is_outside(cause.effect):  # nobody fits a parameter of it
         return (at_rest(scene, mechanism, [cause]).readings - still.readings)[..., None]
     names = [name for name in cause.values if name not in TUNED]
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from studies.research.bench import Output, bench, count, each, table
 from studies.research.sealed_motions.arms import urdf
-from studies.research.sealed_motions.score import Score, scored, summary
+from studies.research.sealed_motions.score import Score, rates, scored
 from studies.research.sealed_motions.truth import Case, case
 
 _CELL = """schema = 1
@@ -75,19 +75,19 @@ def written(own: Case, folder: Path) -> None:
 def main(cases: int, workers: int, seed: int) -> Output:
     """Draw cases, let the diagnosis answer, and score."""
     scores = each(answered, [(k,) for k in range(cases)], workers, seed=seed)
-    rows = [
-        {"case": k, "family": own.family, "verdict": own.verdict,
-         "right": {True: "yes", False: "no", None: "-"}[own.right],
-         "before": f"{own.before:.1f}", "after": f"{own.after:.1f}",
-         "missed": _names(own.missed), "wrong": _names(own.wrong)}
-        for k, own in enumerate(scores)
+    rows = [asdict(own) for own in scores]
+    shown = [
+        {key: _names(own) if key in ("wrong", "missed") else own for key, own in row.items()
+         if key != "held"}
+        for row in rows
     ]  # fmt: skip
-    figures = summary(scores)
-    return [table(rows), table(figures)], {"figures": figures, "cases": [asdict(s) for s in scores]}
+    found = rates(scores)
+    figures = {"figures": [rate.as_dict() for rate in found], "cases": rows}
+    return [table(shown), table(rate.row() for rate in found)], figures
 
 
 def _names(names: Iterable[tuple[str, str]]) -> str:
-    return ", ".join(f"{kind}:{where}" for kind, where in names)
+    return ", ".join(map(":".join, names))
 
 
 if __name__ == "__main__":

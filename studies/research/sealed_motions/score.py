@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from studies.research.rates import Rate
 from studies.research.sealed_motions.truth import NULL, OUTSIDE, Case
 
 _SURE = 0.9
@@ -46,18 +45,16 @@ def scored(case: Case, answer: Mapping[str, Any]) -> Score:
         if own.seen and not any((own.effect, own.where) in each for each in classes)
     )  # fmt: skip
     sure = [e for e in answer["effects"] if e["probability"] >= _SURE]
-    findable = case.family not in (NULL, OUTSIDE)
-    gap = answer["gap"]
     return Score(
         case.family + (f" ({case.law})" if case.law else ""),
-        not missed if findable else None,
+        not missed if case.family not in (NULL, OUTSIDE) else None,
         tuple(_name(e) for e in sure if _name(e) not in true),
         missed,
         bool(answer["effects"]),
         tuple(_intervals(case, answer["effects"])),
         answer["verdict"],
-        gap["heldout_before_mm"],
-        gap["heldout_after_mm"],
+        answer["gap"]["heldout_before_mm"],
+        answer["gap"]["heldout_after_mm"],
     )
 
 
@@ -74,29 +71,14 @@ def _intervals(case: Case, effects: Sequence[Mapping[str, Any]]) -> Iterable[tup
                 yield f"{own.effect} {name}", bool(low <= value <= high)
 
 
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % limits of a share (Wilson, 1927)."""
-    if not count:
-        return 0.0, 1.0
-    z, p = 1.96, hits / count
-    middle, half = p + z**2 / (2 * count), z * np.sqrt(p * (1 - p) / count + z**2 / (4 * count**2))
-    low, high = ((middle + sign * half) / (1 + z**2 / count) for sign in (-1.0, 1.0))
-    return max(float(low), 0.0), min(float(high), 1.0)
-
-
-def summary(scores: Sequence[Score]) -> list[dict[str, Any]]:
-    """Shares with their limits, and what is asked of them."""
-    findable = [own for own in scores if own.right is not None]
-    nulls = [own for own in scores if own.family == NULL]
+def rates(scores: Sequence[Score]) -> list[Rate]:
+    """What is asked of all cases."""
+    findable = [own.right for own in scores if own.right is not None]
+    named = [own.named for own in scores if own.family == NULL]
     held = [ok for own in scores for _, ok in own.held]
-    counts = (
-        ("class right", sum(bool(own.right) for own in findable), len(findable), ">= 90 %"),
-        ("confidently wrong", sum(bool(own.wrong) for own in scores), len(scores), "<= 3 %"),
-        ("nulls with a name", sum(own.named for own in nulls), len(nulls), "<= 3 %"),
-        ("intervals that hold", sum(held), len(held), "92 .. 98 %"),
-    )
     return [
-        {"figure": name, "share": hits / max(total, 1), "count": f"{hits} of {total}",
-         "95 % limits": "{:.3f} .. {:.3f}".format(*wilson(hits, total)), "asked": asked}
-        for name, hits, total, asked in counts
-    ]  # fmt: skip
+        Rate.of("visible", "class right", findable, (0.9, 1.0)),
+        Rate.of("all", "confidently wrong", [bool(own.wrong) for own in scores], (0.0, 0.03)),
+        Rate.of(NULL, "a name", named, (0.0, 0.03)),
+        Rate.of("parameters", "truth within the 95 % interval", held, (0.92, 0.98)),
+    ]

@@ -64,14 +64,14 @@ def case(number: int, seed: int) -> Case:
     t = np.arange(0.0, lasts.max(), _STEP)
     q = np.array([_fourier(rng, arm, t, T) for T in lasts])
     v = np.gradient(q, _STEP, axis=1, edge_order=2)
-    a = np.gradient(v, _STEP, axis=1, edge_order=2)
+    motion = q, v, np.gradient(v, _STEP, axis=1, edge_order=2)
     rows = [_rows(rng, T) for T in lasts]
     late = int(rng.integers(5, 16)) if family == "torque_delay" else 0
-    state = [tuple(own[i, r - late] for own in (q, v, a)) for i, r in enumerate(rows)]
+    state = [tuple(own[i, r - late] for own in motion) for i, r in enumerate(rows)]
     nominal = [_rigid(mjcf(arm), *own) for own in state]
     size = np.sqrt(np.mean(np.concatenate(nominal) ** 2, axis=0))
     size = np.maximum(size, 0.05 * size.max())
-    drawn = _Drawn(rng, arm, family, rows, late, t, q, state, nominal, size)
+    drawn = _Drawn(rng, arm, family, rows, late, t, motion, state, nominal, size)
     extra, causes, law = drawn.causes()
     noise = [drawn.noise(len(r)) for r in rows]
     floor = np.sqrt(np.mean(np.concatenate([own[1] for own in noise]) ** 2, axis=0))
@@ -94,7 +94,7 @@ class _Drawn:
     rows: list[Array]
     late: int
     t: Array
-    q: Array
+    motion: tuple[Array, Array, Array]
     state: list[tuple[Array, ...]]
     nominal: list[Array]
     size: Array
@@ -112,11 +112,10 @@ class _Drawn:
         if self.family == "torque_delay":
             found += [Cause("torque_delay", j, True, {"delay": self.late * _STEP})
                       for j in self.arm.joints]  # fmt: skip
-            for i in range(len(self.state)):
-                early = self._at(i, 0)
+            for i, r in enumerate(self.rows):
+                early = _rigid(mjcf(self.arm), *(own[i, r] for own in self.motion))
                 for j, name in enumerate(self.arm.joints):
-                    change = self.nominal[i][:, j] - early[:, j]
-                    self._noted("torque_delay", name, change)
+                    self._noted("torque_delay", name, self.nominal[i][:, j] - early[:, j])
         if self.family in _ONE_JOINT:
             for j in rng.choice(n, int(rng.integers(1, 4)), replace=False).tolist():
                 found.append(self._at_joint(extra, j, self.family))
@@ -125,12 +124,6 @@ class _Drawn:
             for j in rng.choice(np.arange(1, n), 2, replace=False).tolist():
                 self._at_joint(extra, j, law)
         return extra, found, law
-
-    def _at(self, run: int, late: int) -> Array:
-        rows = self.rows[run] - late
-        v = np.gradient(self.q[run], _STEP, axis=0, edge_order=2)
-        a = np.gradient(v, _STEP, axis=0, edge_order=2)
-        return _rigid(mjcf(self.arm), self.q[run, rows], v[rows], a[rows])
 
     def _noted(self, kind: str, where: str, column: Array) -> None:
         before = self.terms.get((kind, where), np.zeros(0))
@@ -146,7 +139,7 @@ class _Drawn:
         z = None
         if bristles:
             stiff = 10.0 ** rng.uniform(2.6, 3.8, n)
-            z = _bristles(self.q, stiff, rng.uniform(0.0, 0.3, n) * (rng.random(n) < 0.5))
+            z = _bristles(self.motion[0], stiff, rng.uniform(0.0, 0.3, n) * (rng.random(n) < 0.5))
         for i, (_, v, _) in enumerate(self.state):
             sign = v / np.hypot(v, self.width) if z is None else z[i, self.rows[i] - self.late]
             extra[i] += days[i] * (dry * sign + wet * v)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -44,6 +44,8 @@ class Cause:
     effect, where : names; ``values`` : SI, of a cause of size one
     size : factor on what it does
     shape : joint whose angle modulates it and phase [rad] of a wrong shape, or None
+    act : what it does at size one where another formula than the catalogue's says so; values are those
+        of tuned parameters alone then; alike : further names that are right
     """
 
     effect: str
@@ -51,19 +53,17 @@ class Cause:
     values: Sizes
     size: float = 1.0
     shape: tuple[int, float] | None = None
+    act: Callable[[Scene, State], Action] | None = None
+    alike: tuple[str, ...] = ()
 
     @property
     def scored(self) -> bool:
         """Whether intervals of its parameters are to hold their values."""
-        return self.shape is None
+        return self.shape is None and self.act is None
 
     def sized(self, factor: float) -> Self:
         """The same, so many times as large."""
         return replace(self, size=self.size * factor)
-
-    def act_of(self, scene: Scene, state: State) -> Action:
-        """What it does at size one."""
-        return formula_of(self.effect)(scene, state, self.where, self.values)
 
     def add_to(self, action: Action, scene: Scene, state: State) -> None:
         """Add what it does in a state."""
@@ -71,27 +71,10 @@ class Cause:
         if self.shape is not None:
             joint, phase = self.shape
             factor *= 1.0 + 0.35 * np.sin(2.0 * scene.session.q[:, joint] + phase)
-        action.add(self.act_of(scene, state), factor)
-
-
-@dataclass(frozen=True, eq=False)
-class Foreign(Cause):
-    """A cause of the catalogue by another formula; its values are those of tuned parameters alone.
-
-    act : what it does at size one; alike : further names that are right
-    """
-
-    act: Callable[[Scene, State], Action] = field(kw_only=True)
-    alike: tuple[str, ...] = ()
-
-    @property
-    def scored(self) -> bool:
-        """Never: the parameters of its formula are not the catalogue's."""
-        return False
-
-    def act_of(self, scene: Scene, state: State) -> Action:
-        """What it does at size one."""
-        return self.act(scene, state)
+        if self.act is None:
+            action.add(formula_of(self.effect)(scene, state, self.where, self.values), factor)
+        else:
+            action.add(self.act(scene, state), factor)
 
 
 Draw = Callable[[np.random.Generator, Scene], Cause]
@@ -133,7 +116,7 @@ def with_wrong_shape(rng: np.random.Generator, scene: Scene, cause: Cause) -> Ca
 
 def outside_here(scene: Scene) -> list[str]:
     """Kinds of no catalogue whose variable the files of a scene show."""
-    return [name for name, kind in OUTSIDE.items() if kind.needs in ("", *scene.columns)]
+    return [name for name, kind in OUTSIDE.items() if kind.needs in ("", *scene.conditions.columns)]
 
 
 def draw_outside(rng: np.random.Generator, scene: Scene) -> Cause:

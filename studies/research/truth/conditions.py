@@ -19,6 +19,8 @@ _ONE_MARKER = (40, 80)
 class Conditions:
     """By default nothing makes a day hard.
 
+    known_geometry : the model has no geometry and the truth none either
+    weighs : link masses are in the URDF, and the links have them
     missing : a column that the files lack: time, temperature or approach
     range_noise : None, or whether the cell says that the noise grows with range: "said", "unsaid"
     visit : of ``READINGS``; one_marker : a single reflector
@@ -47,9 +49,6 @@ class Conditions:
     def columns(self) -> frozenset[str]:
         """Which of time, temperature and approach the files show."""
         return frozenset({"time", "temperature", "approach"} - {self.missing or ""})
-
-
-EASY = Conditions()
 
 
 def draw_conditions(rng: np.random.Generator) -> Conditions:

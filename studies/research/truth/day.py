@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -179,17 +180,26 @@ def standing(
     scatter: Scatter | None = None,
     rng: np.random.Generator | None = None,
     moved: Array | None = None,
+    act: Callable[[Action, State], None] = lambda action, state: None,
 ) -> State:
     """The weightless arm at joints, each approached once where it scatters.
 
-    moved : ndarray, shape (N, 6), displacement of its base
+    moved : ndarray, shape (N, 6), displacement of its base; act : writes what else there is
     """
-    action = Action.none(mechanism.arm, len(q), len(mechanism.markers))
-    if moved is not None:
-        action.twist[:, 0] += moved
+    wander = None
     if scatter is not None and rng is not None:
-        scatter.drawn(rng, np.arange(len(q))).add_to(action, None, None)
-    return mechanism.rest(q, lambda _: action, (R, p))
+        wander = scatter.drawn(rng, np.arange(len(q)))
+
+    def acting(state: State) -> Action:
+        action = Action.none(mechanism.arm, len(q), len(mechanism.markers))
+        act(action, state)
+        if moved is not None:
+            action.twist[:, 0] += moved
+        if wander is not None:
+            wander.add_to(action, None, None)
+        return action
+
+    return mechanism.rest(q, acting, (R, p))
 
 
 def _placement(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -216,33 +226,38 @@ def _visits(rng: np.random.Generator, poses: int, approaches: int) -> Array:
             return order
 
 
-def write_day(folder: Path, day: Day) -> None:
-    """The files that a user brings, targets.csv, and exact.csv with what a perfect day had read."""
-    arm, floor = day.arm, day.floor
-    design = ['targets = "targets.csv"']
-    if floor is not None and floor.told:
-        design.append(f"targets_after_h = {floor.later:g}")
-    time = [] if floor is None else [f"{h * 3600:.0f}" for h in floor.during(len(day.q))]
+Columns: TypeAlias = Sequence[tuple[str, float]]
+"""Columns of a table, each of one value."""
+
+
+def write_day(
+    folder: Path, day: Day, robot: Sequence[str] = (), read: Columns = (), asked: Columns = ()
+) -> None:
+    """The files that a user brings, targets.csv, and exact.csv with what a perfect day had read.
+
+    robot : lines more of that table of the cell; read, asked : columns more of readings and targets
+    """
+    arm, floor, time, design = day.arm, day.floor, list[str](), ['targets = "targets.csv"']
+    if floor is not None:
+        time = [f"{h * 3600:.0f}" for h in floor.during(len(day.q))]
+        design += [f"targets_after_h = {floor.later:g}"] if floor.told else []
+    (names, always), (beside, there) = (
+        ([name for name, _ in own], [f"{value:g}" for _, value in own]) for own in (read, asked)
+    )
+    targets = [[f"t{i}", *_digits(q), *there] for i, q in enumerate(arm.shown(day.targets))]
     texts = {
         "robot.urdf": urdf(arm, masses=False),
-        "cell.toml": plain_cell("a day", arm, day.guesses, SIGMA, design),
-        "targets.csv": csv_text(
-            [
-                ["pose", *arm.columns()],
-                *([f"t{i}", *_digits(q)] for i, q in enumerate(arm.shown(day.targets))),
-            ]
-        ),
+        "cell.toml": plain_cell(arm, day.guesses, SIGMA, robot, design),
+        "targets.csv": csv_text([["pose", *arm.columns(), *beside], *targets]),
     }
     head = ["pose", "marker", *arm.columns(), "x_mm", "y_mm", "z_mm", *["time_s"][: len(time)]]
     for name, points in (("measurements.csv", day.read), ("exact.csv", day.exact)):
         rows = [
-            [pose, f"m{m}", *_digits(q), *_digits(point * 1e3), *time[i : i + 1]]
-            for i, (pose, q, of_pose) in enumerate(
-                zip(day.names, arm.shown(day.q), points, strict=True)
-            )
-            for m, point in enumerate(of_pose, 1)
+            [day.names[i], f"m{m}", *_digits(q), *_digits(p * 1e3), *time[i : i + 1], *always]
+            for i, (q, of_pose) in enumerate(zip(arm.shown(day.q), points, strict=True))
+            for m, p in enumerate(of_pose, 1)
         ]
-        texts[name] = csv_text([head, *rows])
+        texts[name] = csv_text([[*head, *names], *rows])
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
 

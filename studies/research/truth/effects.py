@@ -16,7 +16,6 @@ from studies.research.truth.arms import Array
 from studies.research.truth.formulas import (
     AXES,
     Effect,
-    OfJoint,
     of_frame,
     of_joint,
     of_load,
@@ -174,30 +173,30 @@ def _turning(scene: Scene) -> Sequence[str]:
 
 def _all_known(where: Places) -> Places:
     """Where the user's model has no geometry."""
-    return lambda scene: where(scene) if scene.known_geometry else ()
+    return lambda scene: where(scene) if scene.conditions.known_geometry else ()
 
 
 def _shown(column: str, *where: str) -> Places:
     """Where the files show a column."""
-    return lambda scene: where if column in scene.columns else ()
+    return lambda scene: where if column in scene.conditions.columns else ()
 
 
 def _weighed(scene: Scene) -> Sequence[str]:
     """The links from the first joint that yields."""
     names, soft = scene.arm.names, scene.arm.soft
-    return names[names.index(soft[0]) :] if soft and scene.weighs else ()
+    return names[names.index(soft[0]) :] if soft and scene.conditions.weighs else ()
 
 
 def _sagging(scene: Scene) -> Sequence[str]:
-    if scene.weighs or not scene.modelled:
+    if scene.conditions.weighs or not scene.modelled:
         return ()
     return [scene.modelled[0] if len(scene.modelled) == 1 else "arm"]
 
 
 def _growing(scene: Scene) -> Sequence[str]:
-    lengths = [np.linalg.norm(f.segment(scene, k + 2)) for k in range(scene.arm.dof)]
+    lengths = [np.linalg.norm(f.segment(scene.arm, k + 2)) for k in range(scene.arm.dof)]
     long = [name for name, way in zip(scene.arm.names, lengths, strict=True) if way > 0.05]
-    return ["arm", *long] if "temperature" in scene.columns else ()
+    return ["arm", *long] if "temperature" in scene.conditions.columns else ()
 
 
 def _sprung(scene: Scene) -> Sequence[str]:
@@ -339,34 +338,32 @@ class Outside:
 _TURN = (0.0, 2.0 * np.pi)
 
 
-def _joint(error: OfJoint, **more: object) -> Outside:
-    return Outside(of_joint(error), **more)  # type: ignore[arg-type]
-
-
 OUTSIDE: dict[str, Outside] = {
     "marker_drift": Outside(of_marker(lambda s: s.session.hours), "marker", needs="time"),
     "marker_heat": Outside(of_marker(f.warmth), "marker", needs="temperature"),
     "marker_load": Outside(
         of_marker(lambda s: (s.session.force[:, 2] != 0.0).astype(float)), "marker"
     ),
-    "third_harmonic": _joint(
+    "third_harmonic": Outside(of_joint(
         lambda s, _, k, v: v["a"] * np.cos(3.0 * _q(s, k)) + v["b"] * np.sin(3.0 * _q(s, k))
-    ),
+    )),
     # A bump of the gear about one angle, 25 degrees wide.
-    "damaged_teeth": _joint(
+    "damaged_teeth": Outside(of_joint(
         lambda s, _, k, v: v["a"] * np.exp(-0.5 * ((_q(s, k) - v["b"]) / 0.22) ** 2)
-    ),
-    "creep": _joint(f.creep, at="soft", needs="time", size=0.3),
-    "cable_pull": _joint(f.cable_pull, b=_TURN),
+    )),
+    "creep": Outside(of_joint(f.creep), at="soft", needs="time", size=0.3),
+    "cable_pull": Outside(of_joint(f.cable_pull), b=_TURN),
     "wandering_axis": Outside(f.wandering_axis, b=_TURN),
     # A joint that stops the farther off, the larger the move was.
-    "overshoot": _joint(lambda s, _, k, v: v["a"] * s.session.motion[:, k], needs="time"),
-    "warm_encoder": _joint(
-        lambda s, _, k, v: v["a"] * f.warmth(s), needs="temperature", size=2e-5
+    "overshoot": Outside(
+        of_joint(lambda s, _, k, v: v["a"] * s.session.motion[:, k]), needs="time"
     ),
-    "hardening_drive": _joint(f.hardening_drive, at="soft"),
-    "slipped_joint": _joint(
-        lambda s, _, k, v: v["a"] * f.after(s, v["b"]), b=(0.3, 0.7), needs="time"
+    "warm_encoder": Outside(
+        of_joint(lambda s, _, k, v: v["a"] * f.warmth(s)), needs="temperature", size=2e-5
+    ),
+    "hardening_drive": Outside(of_joint(f.hardening_drive), at="soft"),
+    "slipped_joint": Outside(
+        of_joint(lambda s, _, k, v: v["a"] * f.after(s, v["b"])), b=(0.3, 0.7), needs="time"
     ),
     # Distances that are wrong with the square of the range.
     "bent_beam": Outside(

@@ -36,7 +36,7 @@ def write_scene(folder: Path, scene: Scene, cell: str, table: Callable[[Rows], s
     held = scene.session.held
     texts = {
         "cell.toml": cell,
-        "robot.urdf": urdf(scene.arm, scene.weighs),
+        "robot.urdf": urdf(scene.arm, scene.conditions.weighs),
         "measurements.csv": table(np.flatnonzero(~held)),
         "heldout.csv": table(np.flatnonzero(held)),
     }
@@ -51,19 +51,23 @@ def cell_of_scene(name: str, scene: Scene) -> str:
     if scene.repeatability is not None:
         place, turn = scene.repeatability
         lines += [f"repeatability_mm = {place * 1e3:.4g}", f"repeatability_urad = {turn * 1e6:.4g}"]
-    if scene.ratios_said:
+    if scene.conditions.ratios_said:
         lines += ["", "[robot.gear_ratio]"]
         lines += [f"{joint} = {ratio}" for joint, ratio in scene.ratios.items()]
     if arm.spring is not None:
         joint, before, after = arm.spring
         anchors = f"{{ before = {_mm(before)}, after = {_mm(after)} }}"
         lines += ["", "[robot.compensators_mm]", f"{joint} = {anchors}"]
-    lines += ["", "[markers_mm]"]
-    lines += [f"m{i} = {_mm(guess)}" for i, guess in enumerate(scene.guesses, 1)]
-    lines += ["", "[instrument]", f"sigma_mm = {_noise(scene.believed)}"]
+    lines += [
+        "",
+        *_markers(scene.guesses),
+        "",
+        "[instrument]",
+        f"sigma_mm = {_noise(scene.believed)}",
+    ]
     if scene.payload:
         lines += ["", "[payload]", f"mass_kg = {scene.payload!r}", f"com_mm = {_mm(scene.com)}"]
-    effects = ["base", "tool"] if scene.known_geometry else ["base", "tool", "geometry"]
+    effects = ["base", "tool"] if scene.conditions.known_geometry else ["base", "tool", "geometry"]
     effects += [f"joint_compliance:{joint}" for joint in scene.modelled]
     lines += ["", "[model]", f"effects = [{', '.join(map(_quoted, effects))}]"]
     if scene.knots:
@@ -82,13 +86,11 @@ def cell_of_reader(name: str, arm: Arm, reader: Reader) -> str:
 
 
 def plain_cell(
-    name: str, arm: Arm, guesses: Array, sigma: float, design: Sequence[str] = ()
+    arm: Arm, guesses: Array, sigma: float, robot: Sequence[str], design: Sequence[str]
 ) -> str:
-    """A cell whose model has base, tool and geometry; design : lines of the table of that name."""
-    markers = [f"m{i} = {(m * 1e3).round(4).tolist()}" for i, m in enumerate(guesses, 1)]
-    lines = ["schema = 1", f'name = "{name}"', *_robot(arm), "[markers_mm]", *markers]
-    lines += ["[instrument]", f"sigma_mm = {sigma * 1e3:g}"]
-    lines += ["[design]", *design] if design else []
+    """A cell whose model has base, tool and geometry; robot, design : lines more of these tables."""
+    lines = ["schema = 1", 'name = "a day"', *_robot(arm), *robot, *_markers(guesses)]
+    lines += ["[instrument]", f"sigma_mm = {sigma * 1e3:g}", "[design]", *design]
     return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', ""])
 
 
@@ -98,17 +100,19 @@ def table_of_scene(scene: Scene, points: Array, seen: Mask, poses: Rows) -> str:
     header = ["pose", "marker", *arm.columns(), "x_mm", "y_mm", "z_mm", *_WRENCH]
     if scene.measured is not None:
         header += [f"{j.name}_{'N' if j.slides else 'Nm'}" for j in arm.joints]
-    header += ["temperature_degC"] if "temperature" in scene.columns else []
-    header += ["time_s"] if "time" in scene.columns else []
-    header += [f"approach_{n}" for n in arm.names] if "approach" in scene.columns else []
+    header += ["temperature_degC"] if "temperature" in scene.conditions.columns else []
+    header += ["time_s"] if "time" in scene.conditions.columns else []
+    header += [f"approach_{n}" for n in arm.names] if "approach" in scene.conditions.columns else []
     rows = [header]
     for i in poses:
         state = [f"{v:.4f}" for v in scene.wrench[i]]
         if scene.measured is not None:
             state += [f"{v:.4f}" for v in scene.measured[i]]
-        state += [f"{session.temperature[i]:.3f}"] if "temperature" in scene.columns else []
-        state += [f"{session.time[i]:.1f}"] if "time" in scene.columns else []
-        if "approach" in scene.columns:
+        state += (
+            [f"{session.temperature[i]:.3f}"] if "temperature" in scene.conditions.columns else []
+        )
+        state += [f"{session.time[i]:.1f}"] if "time" in scene.conditions.columns else []
+        if "approach" in scene.conditions.columns:
             state += [f"{v:.0f}" for v in session.approach[i] + 0.0]
         for marker in np.flatnonzero(seen[i]):
             point = [f"{v:.5f}" for v in points[i, marker] * 1e3]
@@ -138,6 +142,10 @@ def table_of_reader(
 
 def _robot(arm: Arm) -> list[str]:
     return ["[robot]", 'urdf = "robot.urdf"', f'base = "{arm.base}"', f'tip = "{arm.tip}"']
+
+
+def _markers(guesses: Array) -> list[str]:
+    return ["[markers_mm]", *(f"m{i} = {_mm(guess)}" for i, guess in enumerate(guesses, 1))]
 
 
 def _noise(believed: Noise) -> str:

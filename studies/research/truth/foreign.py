@@ -10,16 +10,16 @@ from collections.abc import Callable
 import numpy as np
 
 from studies.research.truth.arms import Array
-from studies.research.truth.causes import Foreign, Unsuitable
+from studies.research.truth.causes import Cause, Unsuitable
 from studies.research.truth.effects import Sizes
-from studies.research.truth.formulas import grown, moved_frame, share_of_longest, turned
+from studies.research.truth.formulas import grown, lagging, moved_frame, share_of_longest, turned
 from studies.research.truth.scene import Scene
 
 SMALL = 1e-4  # rad or m, before a size is found
 _LAG = 1200.0  # s, by which links follow the air
 _MINUTE = 60.0
 Rng = np.random.Generator
-Formula = Callable[[Rng, Scene, int], Foreign]
+Formula = Callable[[Rng, Scene, int], Cause]
 Signal = Callable[[Rng, Scene, int], Array]
 
 
@@ -45,29 +45,20 @@ def hardening(torque: Array, share: float) -> Array:
     return np.asarray(torque * (1.0 - share * (torque / most) ** 2))
 
 
-def lagging(temperature: Array, time: Array, lag: float) -> Array:
-    """What follows a temperature with a time constant [s], in balance at first; shape (N,)."""
-    follows = temperature.copy()
-    for i in range(1, len(time)):
-        keep = np.exp(-(time[i] - time[i - 1]) / lag)
-        follows[i] = keep * follows[i - 1] + (1.0 - keep) * temperature[i]
-    return follows
-
-
 def _at_joint(
     scene: Scene, k: int, dq: Array, effect: str, *others: str, values: Sizes | None = None
-) -> Foreign:
+) -> Cause:
     """An error (N,) of one joint, and the effects that are right."""
     where = scene.arm.names[k]
     alike = tuple(f"{other}:{where}" for other in others)
     act = lambda scene, _: turned(scene, where, SMALL * dq)  # noqa: E731
-    return Foreign(effect, where, values or {}, act=act, alike=alike)
+    return Cause(effect, where, values or {}, act=act, alike=alike)
 
 
 def _at_base(
     rng: Rng, by: Array, effect: str, other: str = "", values: Sizes | None = None,
     twist: Array | None = None,
-) -> Foreign:  # fmt: skip
+) -> Cause:  # fmt: skip
     """A motion of the base, in any direction unless said, times (N,): the instrument's are alike."""
     if twist is None:
         drawn = rng.normal(size=6)
@@ -75,7 +66,7 @@ def _at_base(
     moved = np.outer(by, SMALL * twist)
     alike = (f"{other or effect}:instrument",)
     act = lambda scene, _: moved_frame(scene, 0, moved)  # noqa: E731
-    return Foreign(effect, "base", values or {}, act=act, alike=alike)
+    return Cause(effect, "base", values or {}, act=act, alike=alike)
 
 
 def _phase(rng: Rng) -> float:
@@ -121,23 +112,23 @@ lag = _joint(lambda _, s, k: -_moves(s, k), "settling")
 saturated_lag = _joint(_saturated_lag, "settling")
 
 
-def fading_ripple(rng: Rng, scene: Scene, k: int) -> Foreign:
+def fading_ripple(rng: Rng, scene: Scene, k: int) -> Cause:
     """Twice a turn of the wave generator; the amplitude varies by a third about once a turn."""
     q, cycles = scene.session.q[:, k], 2.0 * scene.ratios[scene.arm.names[k]]
     dq = (1.0 + 0.33 * np.sin(q + _phase(rng))) * np.sin(cycles * q + _phase(rng))
     return _at_joint(scene, k, dq, "gear_ripple", values={"cycles": cycles})
 
 
-def spring(rng: Rng, scene: Scene, k: int) -> Foreign:
+def spring(rng: Rng, scene: Scene, k: int) -> Cause:
     """A drive that hardens. Raises Unsuitable where nothing turns the joint."""
     where, share = scene.arm.names[k], float(rng.uniform(0.0, 0.45))
     if where in scene.modelled or not scene.arm.joints[k].compliance:
         raise Unsuitable
     act = lambda s, at: turned(s, where, 1e-6 * hardening(at.torque[:, k], share))  # noqa: E731
-    return Foreign("joint_compliance", where, {}, act=act)
+    return Cause("joint_compliance", where, {}, act=act)
 
 
-def two_masses(rng: Rng, scene: Scene, k: int) -> Foreign:
+def two_masses(rng: Rng, scene: Scene, k: int) -> Cause:
     """Two masses that warm at a pace of their own, of a joint or beneath the base."""
     t = scene.clock
     short, long = rng.uniform(6.0, 12.0) * _MINUTE, rng.uniform(25.0, 50.0) * _MINUTE
@@ -147,13 +138,13 @@ def two_masses(rng: Rng, scene: Scene, k: int) -> Foreign:
     return _at_joint(scene, k, left, "warm_up") if at_joint else _at_base(rng, left, "warm_up")
 
 
-def foundation(rng: Rng, scene: Scene, k: int) -> Foreign:
+def foundation(rng: Rng, scene: Scene, k: int) -> Cause:
     """A floor that comes to rest ever more slowly."""
     left = np.exp(-((scene.clock / (rng.uniform(15.0, 40.0) * _MINUTE)) ** 0.6))
     return _at_base(rng, left, "warm_up")
 
 
-def oblique(rng: Rng, scene: Scene, k: int) -> Foreign:
+def oblique(rng: Rng, scene: Scene, k: int) -> Cause:
     """The base turns about an axis that is neither upright nor level and passes beside it."""
     axis = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.35, 1.0, 3)
     axis /= np.linalg.norm(axis)
@@ -162,12 +153,12 @@ def oblique(rng: Rng, scene: Scene, k: int) -> Foreign:
     return _at_base(rng, left, "warm_up", twist=twist)
 
 
-def drift(rng: Rng, scene: Scene, k: int) -> Foreign:
+def drift(rng: Rng, scene: Scene, k: int) -> Cause:
     """The base moves on evenly."""
     return _at_base(rng, scene.session.hours, "base_drift", "tracker_drift")
 
 
-def slow_step(rng: Rng, scene: Scene, k: int) -> Foreign:
+def slow_step(rng: Rng, scene: Scene, k: int) -> Cause:
     """A jump that takes a minute or two."""
     t = scene.clock
     at, width = float(rng.uniform(0.15, 0.85) * t[-1]), rng.uniform(0.5, 2.0) * _MINUTE
@@ -177,10 +168,10 @@ def slow_step(rng: Rng, scene: Scene, k: int) -> Foreign:
     return _at_base(rng, jump, "step", values={"at": at})
 
 
-def slow_heat(rng: Rng, scene: Scene, k: int) -> Foreign:
+def slow_heat(rng: Rng, scene: Scene, k: int) -> Cause:
     """Links that follow the air by twenty minutes, and grow by 1 um/(m K) at size one."""
     degrees = lagging(scene.session.temperature, scene.session.time, _LAG) - 20.0
-    return Foreign("thermal_expansion", "arm", {}, act=lambda s, _: grown(s, 1e-6 * degrees))
+    return Cause("thermal_expansion", "arm", {}, act=lambda s, _: grown(s, 1e-6 * degrees))
 
 
 FORMULAS: tuple[Formula, ...] = (
@@ -192,7 +183,7 @@ WHOLE: tuple[Formula, ...] = (sides, fading_ripple, wheel)
 """Those that all joints of an arm may have alike."""
 
 
-def one_of(kinds: tuple[Formula, ...], rng: Rng, scene: Scene) -> Foreign:
+def one_of(kinds: tuple[Formula, ...], rng: Rng, scene: Scene) -> Cause:
     """A formula and a joint that turns, by chance."""
     kind = kinds[int(rng.integers(len(kinds)))]
     joints = [k for k, joint in enumerate(scene.arm.joints) if not joint.slides]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from studies.research.truth.arms import Array
+from studies.research.truth.arms import Arm, Array
 from studies.research.truth.mechanism import Action, G, State
 from studies.research.truth.scene import Scene, hung
 
@@ -24,9 +24,7 @@ _REFERENCE_DEGC = 20.0
 
 def turned(scene: Scene, joint: str, dq: Array) -> Action:
     """An error of one joint's variable, shape (N,)."""
-    action = scene.nothing()
-    action.joint[:, scene.index(joint)] = dq
-    return action
+    return scene.only("joint", np.s_[:, scene.index(joint)], dq)
 
 
 def of_joint(error: OfJoint) -> Effect:
@@ -38,9 +36,7 @@ def of_joint(error: OfJoint) -> Effect:
 
 def moved_frame(scene: Scene, frame: int, twist: Array) -> Action:
     """A displacement of one frame, shape (6,) or (N, 6), m and rad."""
-    action = scene.nothing()
-    action.twist[:, frame] = twist
-    return action
+    return scene.only("twist", np.s_[:, frame], twist)
 
 
 def of_frame(twist: Callable[[Scene, State, Values], Array], frame: int | None = None) -> Effect:
@@ -54,23 +50,15 @@ def of_load(load: Callable[[Scene, State, str, Values], tuple[int | slice, Array
     """Forces (N, 3), base axes, at the centres of some bodies."""
 
     def act(scene: Scene, state: State, where: str, values: Values) -> Action:
-        action = scene.nothing()
         bodies, force = load(scene, state, where, values)
-        action.load[:, bodies, :3] = force
-        return action
+        return scene.only("load", np.s_[:, bodies, :3], force)
 
     return act
 
 
 def of_reading(shift: Callable[[State, Values], Array]) -> Effect:
     """A shift (N, M, 3) of readings."""
-
-    def act(scene: Scene, state: State, where: str, values: Values) -> Action:
-        action = scene.nothing()
-        action.reading[:] = shift(state, values)
-        return action
-
-    return act
+    return lambda scene, state, where, values: scene.only("reading", ..., shift(state, values))
 
 
 def of_place(by: Callable[[Scene, Values], Array]) -> Effect:
@@ -87,9 +75,7 @@ def weights(masses: Array) -> Array:
 
 def moved_marker(scene: Scene, where: str, shift: Array) -> Action:
     """A displacement (N, 3) of one reflector in the tip frame, m."""
-    action = scene.nothing()
-    action.marker[:, int(where.removeprefix("marker:m")) - 1] = shift
-    return action
+    return scene.only("marker", np.s_[:, int(where.removeprefix("marker:m")) - 1], shift)
 
 
 def of_marker(motion: Callable[[Scene], Array]) -> Effect:
@@ -101,9 +87,8 @@ def of_marker(motion: Callable[[Scene], Array]) -> Effect:
 
 def moved_readings(scene: Scene, state: State, twist: Array) -> Action:
     """Readings that move as one body, twist (N, 6) in the instrument's frame."""
-    action = scene.nothing()
-    action.reading[:] = twist[:, None, :3] + np.cross(twist[:, None, 3:], state.aimed)
-    return action
+    turned = np.cross(twist[:, None, 3:], state.aimed)
+    return scene.only("reading", ..., twist[:, None, :3] + turned)
 
 
 def displaced(scene: Scene, state: State, where: str, values: Values, by: Array) -> Action:
@@ -118,9 +103,8 @@ def displaced(scene: Scene, state: State, where: str, values: Values, by: Array)
     return moved_marker(scene, where, moved[:, :3])
 
 
-def segment(scene: Scene, frame: int) -> Array:
+def segment(arm: Arm, frame: int) -> Array:
     """The way from the frame before to frame 1 .. n + 1, in the latter's axes, shape (3,), m."""
-    arm = scene.arm
     last = frame > arm.dof
     xyz = arm.tip_xyz if last else arm.joints[frame - 1].xyz
     rpy = arm.tip_rpy if last else arm.joints[frame - 1].rpy
@@ -194,11 +178,17 @@ def stiffness_vs_angle(scene: Scene, state: State, k: int, values: Values) -> Ar
 
 def creep(scene: Scene, state: State, k: int, values: Values) -> Array:
     """A drive that follows the torque of the last minutes instead of the present one."""
-    time, lagged = scene.session.time, np.zeros(scene.count)
-    for i in range(1, scene.count):
-        keep = np.exp(-(time[i] - time[i - 1]) / 240.0)
-        lagged[i] = keep * lagged[i - 1] + (1.0 - keep) * state.torque[i - 1, k]
-    return np.asarray(values["a"] * lagged)
+    before = np.append(0.0, state.torque[:-1, k])
+    return np.asarray(values["a"] * lagging(before, scene.session.time, 240.0))
+
+
+def lagging(values: Array, time: Array, lag: float) -> Array:
+    """What follows values with a time constant [s], in balance at first; shape (N,)."""
+    follows = values.copy()
+    for i in range(1, len(time)):
+        keep = np.exp(-(time[i] - time[i - 1]) / lag)
+        follows[i] = keep * follows[i - 1] + (1.0 - keep) * values[i]
+    return follows
 
 
 def cable_pull(scene: Scene, state: State, k: int, values: Values) -> Array:
@@ -230,10 +220,10 @@ def payload(scene: Scene, state: State, where: str, values: Values) -> Action:
 
 def bearing_compliance(scene: Scene, state: State, where: str, values: Values) -> Action:
     """Rotation across the axis by the moment across it."""
-    k, action = scene.index(where), scene.nothing()
+    k = scene.index(where)
     moment, axis = state.wrench[:, k + 1, 3:], scene.arm.axes[k]
-    action.twist[:, k + 1, 3:] = values["tilt"] * (moment - np.outer(moment @ axis, axis))
-    return action
+    across = moment - np.outer(moment @ axis, axis)
+    return scene.only("twist", np.s_[:, k + 1, 3:], values["tilt"] * across)
 
 
 def grown(scene: Scene, share: Array, where: str = "arm") -> Action:
@@ -241,17 +231,16 @@ def grown(scene: Scene, share: Array, where: str = "arm") -> Action:
     action = scene.nothing()
     for frame in range(1, scene.arm.dof + 2):
         if where == "arm" or (frame > 1 and where == scene.arm.names[frame - 2]):
-            action.twist[:, frame, :3] = np.outer(share, segment(scene, frame))
+            action.twist[:, frame, :3] = np.outer(share, segment(scene.arm, frame))
     return action
 
 
 def wandering_axis(scene: Scene, state: State, where: str, values: Values) -> Action:
     """An axis that tilts with the angle of the joint before it."""
-    k, action = scene.index(where), scene.nothing()
+    k = scene.index(where)
     across = np.cross(scene.arm.axes[k], [0.6, 0.5, 0.4])
     size = values["a"] * np.sin(2.0 * scene.session.q[:, k - 1] + values["b"])
-    action.twist[:, k + 1, 3:] = np.outer(size, across)
-    return action
+    return scene.only("twist", np.s_[:, k + 1, 3:], np.outer(size, across))
 
 
 def random_walk(scene: Scene, state: State, values: Values) -> Array:

@@ -7,7 +7,8 @@ and ``tip`` displace both, for derivatives.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from studies.research.truth.arms import Array
 
 NAME = "eye"
+_ZERO = -0.3  # m, what a wire shows less than its length
 _DISTORTION = (-0.11, 0.06, 6e-4, -4e-4, 0.0)
 _FOCAL, _CENTER, _PIXELS = 1500.0, np.array([1024.0, 768.0]), np.array([2048.0, 1536.0])
 Sites = NDArray[np.int_]
@@ -52,24 +54,26 @@ class Reader(ABC):
 
     R, p : its frame in base axes, or in that of the tip where it rides on it
     R_on, p_on : the frame of what it reads on the tip, or in the base where it rides on the tip
-    places, tips : how many numbers of each are unknown
+    sigma : of each number, m or px
+    places, tips : how many numbers of each are unknown; numbers : of a reading, on which noise falls
     """
 
     R: Array
     p: Array
     R_on: Array
     p_on: Array
-    places, tips = 6, 6
-    columns: tuple[str, ...] = field(default=(), init=False)
+    sigma: float
+    places, tips, numbers = 6, 6, 3
+    columns: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def rows(self, view: View, place: Array, tip: Array) -> Array:
         """Readings (N, C, r), NaN where there is none."""
 
     @property
-    @abstractmethod
     def floor(self) -> float:
         """RMS of the noise as a diagnosis states it, mm or px."""
+        return float(np.sqrt(self.numbers)) * self.sigma * 1e3
 
     @property
     @abstractmethod
@@ -82,12 +86,11 @@ class Reader(ABC):
 
     def off(self, a: Array, b: Array) -> Array:
         """``a - b`` in standard deviations, (N, C, ..)."""
-        return np.asarray((a - b) / self.sigma)  # type: ignore[attr-defined]
+        return np.asarray((a - b) / self.sigma)
 
     def noisy(self, rng: np.random.Generator, rows: Array) -> Array:
         """The same with noise."""
-        noise = rng.normal(scale=self.sigma, size=rows.shape)  # type: ignore[attr-defined]
-        return np.asarray(rows + noise)
+        return np.asarray(rows + rng.normal(scale=self.sigma, size=rows.shape))
 
     def frames(self, place: Array, tip: Array) -> tuple[Array, Array, Array, Array]:
         """Its frame and that of what it reads, both displaced."""
@@ -105,7 +108,6 @@ class Camera(Reader):
 
     shape: Array
     rides: bool
-    sigma: float = 0.2
     columns = ("u_px", "v_px")
 
     def rows(self, view: View, place: Array, tip: Array) -> Array:
@@ -156,9 +158,9 @@ def _bent(flat: Array, r2: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Bodies(Reader):
-    """Motion capture of one body. sigma : m and rad, of each coordinate."""
+    """Motion capture of one body; turn : rad, as sigma of each coordinate of its rotation."""
 
-    sigma: tuple[float, float] = (8e-5, 2e-4)
+    turn: float
     columns = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 
     def rows(self, view: View, place: Array, tip: Array) -> Array:
@@ -168,25 +170,21 @@ class Bodies(Reader):
 
     def off(self, a: Array, b: Array) -> Array:
         first, second = (Rotation.from_quat(np.roll(x[:, 0, 3:], -1, axis=-1)) for x in (a, b))
-        turn = (second.inv() * first).as_rotvec() / self.sigma[1]
-        shift = second.inv().apply(a[:, 0, :3] - b[:, 0, :3]) / self.sigma[0]
+        turn = (second.inv() * first).as_rotvec() / self.turn
+        shift = second.inv().apply(a[:, 0, :3] - b[:, 0, :3]) / self.sigma
         return np.concatenate([shift, turn], axis=-1)[:, None]
 
     def noisy(self, rng: np.random.Generator, rows: Array) -> Array:
         turned = Rotation.from_quat(np.roll(rows[:, 0, 3:], -1, axis=-1))
-        turn = Rotation.from_rotvec(rng.normal(scale=self.sigma[1], size=(len(rows), 3)))
-        shift = turned.apply(rng.normal(scale=self.sigma[0], size=(len(rows), 3)))
+        turn = Rotation.from_rotvec(rng.normal(scale=self.turn, size=(len(rows), 3)))
+        shift = turned.apply(rng.normal(scale=self.sigma, size=(len(rows), 3)))
         return _poses(rows[:, 0, :3] + shift, turned * turn)
-
-    @property
-    def floor(self) -> float:
-        return float(np.sqrt(3.0)) * self.sigma[0] * 1e3
 
     @property
     def cell(self) -> str:
         return (
             f'[bodies.flange]\n[instruments.{NAME}]\nkind = "pose"\n'
-            f"sigma_mm = {self.sigma[0] * 1e3:.6g}\nsigma_urad = {self.sigma[1] * 1e6:.6g}\n"
+            f"sigma_mm = {self.sigma * 1e3:.6g}\nsigma_urad = {self.turn * 1e6:.6g}\n"
         )
 
     def row(self, row: Array, channel: int, site: int) -> tuple[str, str, list[str]]:
@@ -202,8 +200,7 @@ def _poses(points: Array, turn: Rotation) -> Array:
 class Touching(Reader, ABC):
     """Of one ball at ``p_on`` on the tip; its first guess is off by millimetres."""
 
-    guess: Array = field(default_factory=lambda: np.zeros(3))
-    sigma: float = 5e-5
+    guess: Array
     tips = 3
 
     def ball(self, view: View, tip: Array) -> Array:
@@ -220,17 +217,12 @@ class Touching(Reader, ABC):
 class Wire(Touching):
     """A draw-wire from an unknown anchor, zeroed anywhere."""
 
-    zero: float = -0.3
-    places = 4
+    places, numbers = 4, 1
     columns = ("d_mm",)
 
     def rows(self, view: View, place: Array, tip: Array) -> Array:
         away = np.linalg.norm(self.ball(view, tip) - self.p - place[:3], axis=-1)
-        return np.asarray(away + self.zero + place[3])[:, None, None]
-
-    @property
-    def floor(self) -> float:
-        return self.sigma * 1e3
+        return np.asarray(away + _ZERO + place[3])[:, None, None]
 
     @property
     def cell(self) -> str:
@@ -245,16 +237,12 @@ class Wire(Touching):
 class Nests(Touching):
     """Sockets (S, 3), m, in base axes: what is read is that the ball is in one of them."""
 
-    centres: Array = field(default_factory=lambda: np.zeros((4, 3)))
+    centres: Array
     places = 12
 
     def rows(self, view: View, place: Array, tip: Array) -> Array:
         at = (self.centres + place.reshape(-1, 3))[view.site] + view.apart[:, :3]
         return np.asarray(self.ball(view, tip) - at)[:, None]
-
-    @property
-    def floor(self) -> float:
-        return float(np.sqrt(3.0)) * self.sigma * 1e3
 
     @property
     def cell(self) -> str:

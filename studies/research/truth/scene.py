@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,10 +28,7 @@ class Scene:
     markers, guesses : ndarray, shape (M, 3), m, true and believed, tip frame
     compliance : ndarray, shape (n,), rad/(N m), of the joints that truly yield, all of them modelled
     modelled : names of the joints whose compliance is in the user's model
-    known_geometry : the model has no geometry and the truth none either
-    weighs : link masses are in the URDF, and the links have them
     payload : kg known to the user, com : ndarray, shape (3,), m, tip frame
-    columns : which of time, temperature, approach the files show
     knots : joint name -> ndarray, rad, as the cell gives them
     noise, believed : of the instrument, true and as the cell says it
     R, p : placement of the base in the instrument's frame
@@ -39,21 +36,19 @@ class Scene:
     scatter : of the arm from approach to approach, None where it repeats exactly
     repeatability : as the cell says it, of one coordinate of the tip, m and rad, or None
     measured : ndarray, shape (N, n), N m, torques that the file shows, or None
-    ratios : motor turns a turn of each joint that turns; ratios_said : the cell gives them
+    ratios : motor turns a turn of each joint that turns
     """
 
     arm: Arm
+    conditions: Conditions
     session: Session
     geometry: Array
     markers: Array
     guesses: Array
     compliance: Array
     modelled: tuple[str, ...]
-    known_geometry: bool
-    weighs: bool
     payload: float
     com: Array
-    columns: frozenset[str]
     knots: dict[str, Array]
     noise: Noise
     believed: Noise
@@ -64,7 +59,6 @@ class Scene:
     repeatability: tuple[float, float] | None = None
     measured: Array | None = None
     ratios: dict[str, int] = field(default_factory=dict)
-    ratios_said: bool = False
 
     @property
     def count(self) -> int:
@@ -77,7 +71,7 @@ class Scene:
 
         Of a hold-out that was read by itself nothing tells when: long after the others.
         """
-        if "time" in self.columns:
+        if "time" in self.conditions.columns:
             return self.session.hours * 3600.0
         late = 0.0 if self.session.pause is None else 3.0 * self.session.pause
         return np.arange(self.count) + late * self.session.held
@@ -97,11 +91,21 @@ class Scene:
 
     def mechanism(self) -> Mechanism:
         """The true arm in MuJoCo."""
-        return Mechanism(self.arm, self.geometry, self.markers, self.weighs)
+        return Mechanism(self.arm, self.geometry, self.markers, self.conditions.weighs)
+
+    def rigid(self) -> Scene:
+        """The same without drives that yield."""
+        return replace(self, compliance=self.compliance * 0.0, modelled=(), knots={})
 
     def nothing(self) -> Action:
         """An action of zeros to write into."""
         return Action.none(self.arm, self.count, len(self.markers))
+
+    def only(self, slot: str, at: Any, value: Array) -> Action:
+        """An action of one slot: joint, twist, load, marker or reading."""
+        action = self.nothing()
+        getattr(action, slot)[at] = value
+        return action
 
     def known(self, state: State) -> Action:
         """What the user's model has as well: loads and compliances."""
@@ -161,17 +165,15 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
     away = rng.normal(size=3)
     scene = Scene(
         arm=arm,
+        conditions=conditions,
         session=session,
         geometry=geometry,
         markers=guesses + rng.normal(size=guesses.shape) * 1e-3,
         guesses=guesses,
         compliance=compliance,
         modelled=tuple(arm.names[k] for k in soft if compliance[k]),
-        known_geometry=conditions.known_geometry,
-        weighs=conditions.weighs,
         payload=payload,
         com=com,
-        columns=conditions.columns,
         knots=knots,
         noise=stated.times(1.5) if conditions.wrong_sigma else stated,
         believed=Noise.uniform(arm.sigma) if conditions.range_noise == "unsaid" else stated,
@@ -179,16 +181,16 @@ def draw_scene(rng: np.random.Generator, arm: Arm, conditions: Conditions) -> Sc
         p=float(rng.uniform(3.0, 6.0)) * away / np.linalg.norm(away),
         wrench=_wrench(arm, session),
     )
-    return scene if conditions.visit == PAIRED else _with_drives(rng, scene, conditions)
+    return scene if conditions.visit == PAIRED else _with_drives(rng, scene)
 
 
-def _with_drives(rng: np.random.Generator, scene: Scene, conditions: Conditions) -> Scene:
+def _with_drives(rng: np.random.Generator, scene: Scene) -> Scene:
     """The scene with gear ratios and measured torques, of one reflector where so drawn."""
-    if conditions.one_marker:
+    if scene.conditions.one_marker:
         scene = replace(scene, markers=scene.markers[:1], guesses=scene.guesses[:1])
     ratios = {name: int(rng.integers(*RATIO, endpoint=True)) for name in scene.arm.turning}
-    scene = replace(scene, ratios=ratios, ratios_said=conditions.ratios_said)
-    return replace(scene, measured=_measured(rng, scene)) if conditions.torques else scene
+    scene = replace(scene, ratios=ratios)
+    return replace(scene, measured=_measured(rng, scene)) if scene.conditions.torques else scene
 
 
 def _measured(rng: np.random.Generator, scene: Scene) -> Array:
@@ -197,7 +199,7 @@ def _measured(rng: np.random.Generator, scene: Scene) -> Array:
     The links weigh here even where the user does not know it.
     """
     whole = Mechanism(scene.arm, scene.geometry, scene.markers)
-    torque = at_rest(replace(scene, weighs=True), whole, ()).torque
+    torque = at_rest(scene, whole, ()).torque
     scale = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-3)
     friction = rng.uniform(0.1, 0.4, scene.arm.dof) * scale * scene.session.approach
     offset = rng.normal(size=scene.arm.dof) * 0.1 * scale

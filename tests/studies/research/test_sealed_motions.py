@@ -11,9 +11,10 @@ import pytest
 import calib
 from calib.arrays import Array
 from calib.files.motions import load_motions
+from studies.research.rates import Rate
 from studies.research.sealed_motions.__main__ import written
 from studies.research.sealed_motions.arms import ARMS
-from studies.research.sealed_motions.score import scored, wilson
+from studies.research.sealed_motions.score import scored
 from studies.research.sealed_motions.truth import FAMILIES, NULL, Case, Cause, _bristles, case
 
 NAMED = {"effect": "armature", "where": "j2", "probability": 0.99, "class": [], "parameters": [
@@ -56,7 +57,7 @@ def test_an_answer_is_scored(
 
 
 def test_limits_of_a_share() -> None:
-    assert wilson(9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-3)
+    assert Rate("", "", 9, 10).interval == pytest.approx((0.5958, 0.9821), abs=1e-3)
 
 
 def bent(q: Array, stiff: float) -> float:

@@ -62,20 +62,17 @@ def test_intervals_fix_the_unit() -> None:
 def test_the_last_joints_depend_on_the_load_point() -> None:
     cell = elastostatic.cell_of_section_five()
     plan = embedded_plan(cell)
-    printed = np.array(elastostatic.tables()["interval"])
-    near = elastostatic.judge(np.array([0.3, 0.0, 0.05]), plan, cell, printed)
-    far = elastostatic.judge(np.array([0.3, 0.0, 0.4]), plan, cell, printed)
-    ratio = near.std / far.std
+    near = elastostatic.predicted(np.array([0.3, 0.0, 0.05]), plan, cell)
+    far = elastostatic.predicted(np.array([0.3, 0.0, 0.4]), plan, cell)
+    ratio = near / far
     assert ratio[8] > 3.0
     assert ratio[KNOWN].max() < 1.3
-    on_axis = elastostatic.judge(np.array([0.3, 0.0, 0.0]), plan, cell, printed)
-    assert on_axis.std[8] > 1e3 * far.std[8] or not np.isfinite(on_axis.scatter)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        on_axis = elastostatic.predicted(np.array([0.3, 0.0, 0.0]), plan, cell)
+    assert not on_axis[8] <= 1e3 * far[8]
 
 
-@pytest.mark.long
-def test_printed_tables(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elastostatic, "GRID_MM", (range(0, 401, 200),) * 3)
-    monkeypatch.setattr(elastostatic, "FINE_MM", range(-50, 51, 50))
+def test_printed_tables() -> None:
     done = CliRunner().invoke(elastostatic.main, [])
     assert done.exit_code == 0, done.output
     for name in NAMES:

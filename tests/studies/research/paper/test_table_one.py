@@ -35,7 +35,8 @@ def test_all_twelve_figures_are_reproduced() -> None:
     found = table_one.predictions_at(table_one.experiment_at(table_one.embedded_setting()))
     for key, way in KEYS.items():
         ours = found[way].std / table_one.SCALES
-        assert table_one.within(ours, np.array(PRINTED[key])).all()
+        printed = np.array(PRINTED[key])  # to 15 %, or to the rounding of three decimals
+        assert ((np.abs(ours / printed - 1.0) <= 0.15) | (np.abs(ours - printed) <= 0.5e-3)).all()
         np.testing.assert_allclose(ours, PRINTED["reproduced"][key], rtol=0.01)
     factors = found[PLAIN.key].std / found[POINTS.key].std
     np.testing.assert_allclose(factors, PRINTED["improvement"], rtol=0.15)

@@ -13,10 +13,10 @@ from studies.research.sealed.draw import Case
 from studies.research.sealed.key import write_case
 from studies.research.truth.arms import Arm
 from studies.research.truth.causes import Cause
-from studies.research.truth.conditions import EASY
+from studies.research.truth.conditions import Conditions
 from studies.research.truth.scene import Scene, at_rest, draw_scene
 
-PLAIN = replace(EASY, configurations=15, known_geometry=True, payload=True)
+PLAIN = Conditions(configurations=15, known_geometry=True, payload=True)
 
 
 def scene_of(arm: Arm, seed: int = 0) -> Scene:
@@ -30,7 +30,6 @@ def case_of(scene: Scene, *causes: Cause) -> Case:
     state = at_rest(scene, scene.mechanism(), causes)
     return Case(
         family="single",
-        conditions=PLAIN,
         scene=scene,
         causes=causes,
         noncentrality=(100.0,) * len(causes),

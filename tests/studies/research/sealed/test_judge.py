@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from studies.research.rates import Rate
 from studies.research.sealed.judge import is_listed, is_named, judge, judged_or_failed
-from studies.research.sealed.score import FIRST, REAL, Rate, coverage, floors, reliability
+from studies.research.sealed.score import FIRST, REAL, coverage, floors, reliability
 
 CONDITIONS = {
     "wrong_sigma": False,

@@ -115,7 +115,7 @@ def test_stiffness_and_sag() -> None:
     share = np.where(q < 0, 1e-8 * q / -85.0, 3e-8 * q / 125.0)
     np.testing.assert_allclose(dq, share * state.torque[:, k], atol=1e-12)
     light = scene_of(HEAVY)
-    weightless = type(light)(**{**light.__dict__, "weighs": False})
+    weightless = replace(light, conditions=replace(light.conditions, weighs=False))
     sag = Cause("gravity_sag", "arm", {"weight": 1.0})
     np.testing.assert_allclose(case_of(weightless, sag).clean, case_of(light).clean, atol=1e-9)
 

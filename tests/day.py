@@ -17,9 +17,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib import Cell, Diagnosis, Measurements, Poses
+from calib import Cell, Diagnosis, Measurements, Poses, readings
 from calib.arm.robot import Robot
+from calib.arm.statics import wrench_with_load
 from calib.arrays import Array
+from calib.cell.planned import Planned
+from calib.effects.protocol import ElasticEffect
 from calib.model import Model
 from calib.model.build import build
 from calib.noise import Noise
@@ -112,7 +115,7 @@ def _folder() -> Path:
 
 # -- Arms simulated by a cell's own model and one effect more
 
-_MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
+MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
 CONFIGURATIONS = 30
 
 
@@ -122,9 +125,9 @@ def _of_the_catalogue(effect: str, size: Sizes, noise: float, seed: int, twice: 
     twice : of the first poses that are read two times
     """
     rng = np.random.default_rng(seed)
-    cell = replace(with_effects(embedded_cell(), *_MODEL), load=None)
-    poses = _free_and_loaded(rng, cell, CONFIGURATIONS + 10)
-    model = build(with_effects(cell, *_MODEL, *([effect] if effect else [])), poses).model
+    cell = replace(with_effects(embedded_cell(), *MODEL), load=None)
+    poses = free_and_loaded(rng, cell, CONFIGURATIONS + 10)
+    model = build(with_effects(cell, *MODEL, *([effect] if effect else [])), poses).model
     truth = np.zeros(len(model.parameters))
     for i, p in enumerate(model.parameters):
         if p.effect == "geometry":
@@ -141,7 +144,7 @@ def _of_the_catalogue(effect: str, size: Sizes, noise: float, seed: int, twice: 
     return Day(cell, data.take(kept), data.take(~kept), truth)
 
 
-def _free_and_loaded(rng: np.random.Generator, cell: Cell, count: int) -> Poses:
+def free_and_loaded(rng: np.random.Generator, cell: Cell, count: int) -> Poses:
     """Configurations in the order of measurement, a reading a minute."""
     q = np.repeat(anywhere(cell, rng, count).q, 2, axis=0)
     return with_moves(
@@ -210,6 +213,41 @@ def rigid_day(
     markers = np.zeros((markers, 3)) if isinstance(markers, int) else markers
     cell = cell_of(robot, markers, RIGID)
     return cell, *erring(cell, anywhere(cell, rng, count), rng, size), rng
+
+
+# -- The paper's plan, free and loaded, of which a part may be read
+
+PLAN_RIGID = ("base", "tool", "joint_offset:A2,A3")
+PLAN_MODEL = (*PLAN_RIGID, "joint_compliance:A2,A3,A4,A5,A6")
+
+
+def cell_of_day(kr270: Cell) -> Cell:
+    return replace(with_effects(kr270, *PLAN_MODEL), design=Planned())
+
+
+def whole_day(cell: Cell, plan: Poses, seed: int = 1, louder: float = 1.0) -> Measurements:
+    """Every reading of the plan, free then loaded, ten minutes apart, loads as wrenches."""
+    poses = readings(cell, plan)
+    poses = replace(
+        poses,
+        wrench=wrench_with_load(cell.robot, cell.gravity, poses),
+        load_mass=np.zeros(len(poses)),
+        time=600.0 * np.arange(len(poses)),
+        approach=None,
+    )
+    poses = with_moves(poses)
+    model = build(cell, poses).model
+    values = np.zeros(len(model.parameters))
+    values[model.where(ElasticEffect)] = 1e-6
+    values[:6] = [2.0, -1.0, 0.5, 0.1, -0.2, 0.7]
+    n = cell.noise
+    noise = Noise(*(louder * s for s in (n.along, n.across, n.along_per_m, n.across_per_m)))
+    return drawn_readings(model, values, poses, noise, np.random.default_rng(seed))
+
+
+def of_poses(data: Measurements, poses: list[int], count: int) -> Measurements:
+    """Free and loaded readings of some poses of the plan, all free ones first."""
+    return data.take(np.array([*poses, *(count + i for i in poses)]))
 
 
 # -- Sealed scenes in MuJoCo, with causes written by hand

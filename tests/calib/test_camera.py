@@ -274,7 +274,7 @@ def test_markers_and_two_cameras(written: Write) -> None:
     assert found.model.scaleless
 
 
-@pytest.mark.parametrize("boards", [1, 2])
+@pytest.mark.parametrize("boards", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_camera_on_the_arm(written: Write, boards: int) -> None:
     """And a table written of it is the table read."""
     shapes = dict(list({"b": TILES, "c": SOLID + np.array([0.5, 0.1, 0.0])}.items())[:boards])
@@ -399,12 +399,12 @@ def noisy_day(folder: Path, setup: str, **truth: object) -> tuple[Cell, Measurem
 @pytest.mark.parametrize(
     ("setup", "scales"),
     [
-        ("kr270", {}),
-        ("kr270", {"cam": 2.0}),
         ("kr270", {"cam": 0.5, "tracker": 2.0}),
-        pytest.param("kr270, two", {"left": 2.0}, marks=pytest.mark.long),
-        pytest.param("kr270", {"tracker": 2.0}, marks=pytest.mark.long),
         ("kr270, hand", {"cam": 2.0}),
+        pytest.param("kr270", {}, marks=pytest.mark.long),
+        pytest.param("kr270", {"cam": 2.0}, marks=pytest.mark.long),
+        pytest.param("kr270", {"tracker": 2.0}, marks=pytest.mark.long),
+        pytest.param("kr270, two", {"left": 2.0}, marks=pytest.mark.long),
     ],
 )
 @pytest.mark.parametrize("scatter", [0.0, 2e-5])

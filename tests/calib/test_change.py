@@ -195,7 +195,7 @@ def test_intervals_hold_the_truth() -> None:
         delta = size * rng.normal(size=k)
         true = np.sqrt((weights @ ((rows @ delta) ** 2).sum(axis=1)) / weights.sum())
         inside = []
-        for _ in range(150):
+        for _ in range(100):
             values = delta + root @ rng.standard_normal(k)
             rms, worst = change.errors_at(rows, values, cov, weights)
             inside.append(rms.low <= true + 1e-12 and true <= rms.high)

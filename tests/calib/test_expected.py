@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +165,7 @@ def test_instruments_that_read_no_length_do_not_speak_of_any() -> None:
 # -- A base that warms in MuJoCo while it is measured: what comes an hour later was said before
 
 
+@cache
 def warming(
     index: int, size: float = 1e-4, timed: bool = True
 ) -> tuple[Cell, Measurements, Estimate, Poses, float]:
@@ -211,7 +213,7 @@ def test_a_base_that_stands_has_no_trend(days: range) -> None:
     assert all(warming(index, size=0.0)[2].trend is None for index in days)
 
 
-@pytest.mark.parametrize("timed", [False, True])
+@pytest.mark.parametrize("timed", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_nobody_is_told_to_stop_while_it_goes_on(timed: bool) -> None:
     """Unless the cell says when the targets come: then the bound is for that time."""
     cell, data, _, _, came = warming(2, timed=timed)

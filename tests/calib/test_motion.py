@@ -20,6 +20,7 @@ from calib.motion.filtering import filtered
 from calib.motion.motions import Motions, Run
 from calib.motion.regressor import nominal_inertials, regressor
 from studies.results.motion import MotionResult
+from tests.helpers import MADE_FROM
 
 ARM = """<mujoco model="arm"><option gravity="0.3 -0.2 -9.7"/><worldbody><body name="base">
 <body name="a" pos="0 0 .3"><joint name="j1" axis="0 0 1" {j1}/>
@@ -275,6 +276,7 @@ def ur10e(tmp_path_factory: pytest.TempPathFactory, data: Path) -> tuple[Cell, M
     return cell, load_motions(cell, real / "motion.csv")
 
 
+@pytest.mark.long
 def test_a_real_arm_needs_friction_armature_and_other_links(ur10e: tuple[Cell, Motions]) -> None:
     """Eight runs of an UR10e, three held out: 80 % by its URDF, 10 % with usual friction."""
     cell, motions = ur10e
@@ -294,12 +296,10 @@ def test_a_real_arm_needs_friction_armature_and_other_links(ur10e: tuple[Cell, M
     assert np.all((found.constants[:5, 0] > 5.0) & (found.constants[:5, 0] < 20.0))
 
 
-def test_the_result_is_its_json(ur10e: tuple[Cell, Motions]) -> None:
-    from studies.results.base import envelope
-
-    cell, motions = ur10e
-    found = diagnose_motions(cell, motions.take(motions.names[:5]))
-    made = MotionResult.of(found, envelope("arm", []))
+def test_the_result_is_its_json(tmp_path: Path) -> None:
+    plain, truth = arm(tmp_path), arm(tmp_path, j3='damping="2.5"')
+    cell = cell_of(plain)
+    made = MotionResult.of(diagnose_motions(cell, day(truth, cell.robot, 6, 1)), MADE_FROM)
     again = MotionResult.model_validate_json(made.to_json())
     assert again == made
     assert made.gap.unit == "percent"
@@ -311,6 +311,7 @@ def test_the_result_is_its_json(ur10e: tuple[Cell, Motions]) -> None:
     assert "The torques need" in made.summary()
 
 
+@pytest.mark.long
 def test_two_short_runs_are_judged_by_stretches(tmp_path: Path, data: Path) -> None:
     """A KR300, ten seconds twice, each predicted by the other: 78 % by its URDF."""
     cell = real_cell(tmp_path, data / "kr300_motion", "base", "link6", 10.0)

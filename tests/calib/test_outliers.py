@@ -16,9 +16,19 @@ from calib.identification.outliers import changed_pose
 from calib.poses import poses_at
 from calib.poses.moves import with_moves
 from tests.calib.test_instruments import of_bodies, with_bodies
-from tests.day import ON_TOOL, RIGID, anywhere, day, erring, read_of, rigid_day
-from tests.doe.forecast.day import RIGID as RIGID_DAY
-from tests.doe.forecast.day import cell_of_day, of_poses, whole_day
+from tests.day import (
+    ON_TOOL,
+    PLAN_RIGID,
+    RIGID,
+    anywhere,
+    cell_of_day,
+    day,
+    erring,
+    of_poses,
+    read_of,
+    rigid_day,
+    whole_day,
+)
 from tests.helpers import cell_of, random_robot, with_effects
 from tests.plain_arm import frame, tips
 
@@ -147,7 +157,7 @@ def test_a_judgement_that_does_not_settle_is_said(
     kr270: Cell, table_two: Poses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two wrong points and one round: after it the second one still waits to be left out."""
-    cell = with_effects(kr270, *RIGID_DAY)
+    cell = with_effects(kr270, *PLAN_RIGID)
     plan = table_two.take(np.arange(24) % len(table_two))
     data = whole_day(cell, plan).take(slice(24))  # free of the load
     data = shifted(shifted(data, (3, 0), [0.0, 3e-3, 0.0]), (8, 1), [2e-3, 0.0, 0.0])
@@ -164,7 +174,7 @@ def test_a_judgement_that_does_not_settle_is_said(
 
 
 def test_rows_that_were_copied_say_nothing_of_the_noise(kr270: Cell, table_two: Poses) -> None:
-    cell = with_effects(kr270, *RIGID_DAY)
+    cell = with_effects(kr270, *PLAN_RIGID)
     data = whole_day(cell, table_two).take(np.arange(24) % len(table_two))
     noise = calib.identify(cell, data).noise
     assert noise.replicate_factor is None

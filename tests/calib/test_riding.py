@@ -89,6 +89,7 @@ def test_a_camera_on_any_link_sees_boards_in_the_world(tmp_path: Path) -> None:
     assert {"base:eye.x", "tool:body:eye.rz"} <= {p.id for p in model.parameters}
 
 
+@pytest.mark.long
 def test_a_board_on_the_base_tells_the_head_of_the_torso(tmp_path: Path) -> None:
     """One camera, of a board in the hand and of one that stands beside the robot."""
     wall = SECOND.replace('"world"', '"base"').replace("[0, 0, 0]", "[0, 90, 0]")

@@ -216,6 +216,7 @@ def test_tiago_is_predicted_better(tiago: tuple[Cell, Any, Any]) -> None:
     assert 4.1e-3 < (off.rms("heldout") or 0.0) < 4.25e-3
 
 
+@pytest.mark.long
 def test_the_joint_that_is_worn_is_named_whatever_its_size(tiago: tuple[Cell, Any, Any]) -> None:
     """By the side from which it came or by the last move: 37 postures tell both from nothing."""
     cell, data, other = tiago

@@ -265,7 +265,7 @@ def test_errors_of_factors_and_offset_are_identified(tmp_path: Path) -> None:
     """The rod is one per cent longer than designed, and stands wrongly by a milliradian."""
     robot = coupled_cell(tmp_path).robot
     effects = ("base", "tool", "joint_offset", "joint_coupling:c")
-    here, q = cell_of(robot, np.zeros((1, 3)), effects), robot.sobol(40)
+    here, q = cell_of(robot, np.zeros((1, 3)), effects), robot.sobol(25)
     moved = q.copy()
     moved[:, 2] += 0.01 * q[:, 0] - 0.02 * q[:, 1] + 1e-3
     points = [at(SEVEN, "l_g", dict(zip("abcdefg", row, strict=True))) for row in moved]

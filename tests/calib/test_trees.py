@@ -41,7 +41,7 @@ from tests.helpers import (
 )
 from tests.trees import as_mjcf, in_mujoco, placed, random_tree, read, tips_of, urdf
 
-SEEDS = range(12)
+SEEDS = [*range(5), *(pytest.param(k, marks=pytest.mark.long) for k in range(5, 12))]
 
 
 def felt(robot: Robot, poses: Poses, frames: Frames, payload: Payload, gravity: Array) -> Array:
@@ -303,7 +303,7 @@ def test_a_soft_joint_of_one_arm_is_found_among_those_of_both() -> None:
     assert cause.evidence.key == "joint_compliance:left3"
 
 
-@pytest.mark.parametrize("tip", ["right_hand", "left_hand"])
+@pytest.mark.parametrize("tip", ["right_hand", pytest.param("left_hand", marks=pytest.mark.long)])
 def test_commands_bring_the_hand_that_is_named_into_place(tip: str) -> None:
     """Both arms and the torso are identified without noise: what was found is the truth."""
     cell, poses, truth = two_hands(1)

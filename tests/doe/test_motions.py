@@ -57,7 +57,7 @@ def test_torques_beyond_the_limit_remove_motions(tmp_path: Path) -> None:
         drawn(weak, 10, 10.0, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("criterion", ["D", "A", "E"])
+@pytest.mark.parametrize("criterion", ["D", pytest.param("A", marks=pytest.mark.long), "E"])
 def test_no_choice_beats_the_bound(tmp_path: Path, criterion: str) -> None:
     """Against every choice of two from ten."""
     found = design_motions(planned(tmp_path), 2, criterion=criterion, candidates=10, seconds=10.0)
@@ -82,7 +82,10 @@ def value_of(criterion: str, M: Array) -> float:
 
 @pytest.mark.parametrize(
     ("rivals", "loaded"),
-    [(("torque_scale:j2", "payload"), True), (("spring:j2", "inertials"), None)],
+    [
+        (("torque_scale:j2", "payload"), True),
+        pytest.param(("spring:j2", "inertials"), None, marks=pytest.mark.long),
+    ],
 )
 def test_rivals_are_told_apart(
     tmp_path: Path, rivals: tuple[str, str], loaded: bool | None

@@ -146,8 +146,8 @@ def small(rng: np.random.Generator, name: str) -> Selection:
 @pytest.mark.parametrize("name", SMOOTH + KINKED)
 @pytest.mark.parametrize("first", [0, pytest.param(1000, marks=pytest.mark.long)])
 def test_no_bound_is_broken(name: str, first: int) -> None:
-    """By the best plan of all or ours, of a few problems; of five hundred where there is time."""
-    for seed in range(45 if first else 6 if name in SMOOTH else 3):
+    """By the best plan of all or ours, of a few problems; of two hundred where there is time."""
+    for seed in range(20 if first else 4 if name in SMOOTH else 2):
         problem = small(np.random.default_rng([first + seed, len(name)]), name)
         relaxed = relax(problem)
         plan = best_plan(problem, relaxed, seed=0).plan
@@ -163,7 +163,6 @@ def test_no_bound_is_broken(name: str, first: int) -> None:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     "allowed",
     [
@@ -175,10 +174,8 @@ def test_no_bound_is_broken(name: str, first: int) -> None:
     ids=["free", "levels", "repeats", "levels to choose"],
 )
 @pytest.mark.parametrize("name", ["D", "A", "task", "E", "G"])
-def test_the_search_finds_the_optimum_to_a_thousandth(
-    name: str, allowed: Allowed, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
+def test_the_search_finds_the_optimum_to_a_thousandth(name: str, allowed: Allowed) -> None:
+    rng = np.random.default_rng(0)
     criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
     optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
     problem = Selection(criterion, blocks, allowed)

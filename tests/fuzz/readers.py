@@ -217,15 +217,6 @@ _PLANS = (
 )
 
 
-_RESULT = json_text(
-    {
-        "schema": 1,
-        "command": "identify",
-        "parameters": [{"id": p.id, "value": 0.125, "unit": p.unit} for p in MODEL.parameters],
-    }
-)
-
-
 _OPTIONS = (
     "levels=A2=5x3",
     "levels=A2=-140,-57,-10x3",

@@ -67,10 +67,9 @@ def test_derivatives_of_a_kind(kind: str) -> None:
     check(model, ALL.poses, wandered(model, ALL.at(model), 4))
 
 
-# That of cameras takes longest; for them plans and days of tests/doe/test_cameras.py say the same.
-@pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=() if k == "distance" else pytest.mark.long) for k in KINDS]
-)
+# Distances, planes and sockets reach the bound by hand: tests/calib/test_instruments.py.
+@pytest.mark.long
+@pytest.mark.parametrize("kind", sorted({*KINDS} - {"distance", "plane", "socket"}))
 def test_the_bound_of_a_kind_is_reached(kind: str) -> None:
     """Full rank without a guess; errors scatter as the inverse of the information says."""
     here = scene(8, 25)

@@ -25,7 +25,7 @@ from doe.criteria import CRITERIA, UNASKED
 from studies.command.program import MOST_AXES, program_text
 from studies.demo.embedded import embedded_text
 from tests.camera_cells import PINHOLE, camera_cell
-from tests.doe.forecast.day import MODEL, of_poses, whole_day
+from tests.day import PLAN_MODEL, of_poses, whole_day
 from tests.helpers import cell_of, random_robot, simulated
 from tests.studies.command_line import paper_cell, result, run
 from tests.studies.test_texts import blocks
@@ -139,7 +139,7 @@ def test_help_names_every_criterion() -> None:
 @pytest.fixture(scope="module")
 def half_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("half")
-    cell = calib.load_cell(paper_cell(path, *MODEL))
+    cell = calib.load_cell(paper_cell(path, *PLAN_MODEL))
     plan = calib.load_plan(cell, path / "plan.csv")
     data = of_poses(whole_day(cell, plan), [2, 5, 8, 11, 14, 1], 15)
     (path / "half.csv").write_text(measurements_csv(cell, data))

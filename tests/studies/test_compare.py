@@ -18,6 +18,7 @@ import pytest
 from click.testing import Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 import calib
 import doe
@@ -56,6 +57,7 @@ from tests.helpers import (
     random_poses,
     random_robot,
     read_by,
+    simulated,
     with_effects,
 )
 from tests.studies.command_line import paper_cell, run
@@ -671,3 +673,37 @@ def test_a_fault_of_a_block_is_not_hidden(
     monkeypatch.setattr(simulate, "refit", divmod)
     done = called(*small, "--monte-carlo", "200", "--workers", "2")
     assert isinstance(done.exception, TypeError)
+
+
+# -- Predicted covariance against a thousand refits of the paper's experiment (Tables II to IV)
+
+TRIALS = 1000
+
+
+def demonstration(cell: Cell, plan: Poses) -> SimulatedExperiment:
+    """The demonstration's truth, a base far off included; fits start a tenth away from it."""
+    _, _, truth = simulated(cell, plan, 0)
+    return replace(experiment_of(cell, plan), truth=truth, nominal=0.9 * truth)
+
+
+@pytest.mark.long
+def test_prediction_and_simulation_agree(kr270: Cell, table_two: Poses) -> None:
+    experiment = demonstration(kr270, table_two)
+    prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
+    done = refits(experiment, [prediction], TRIALS, seed=1)
+    assert done["points"].settled.all()
+    errors, cov = done["points"].errors, prediction.covariance
+    std = np.sqrt(np.diag(cov))
+
+    bias = errors.mean(axis=0) / (std / np.sqrt(TRIALS))
+    assert np.abs(bias).max() < 4.0, "the mean error lies within Monte Carlo error"
+
+    ratio = errors.var(axis=0, ddof=1) / std**2
+    low, high = chi2.ppf([0.0005, 0.9995], TRIALS - 1) / (TRIALS - 1)
+    assert (ratio > low).all(), "every variance inside its 99.9 % chi-square band"
+    assert (ratio < high).all()
+    assert ratio.mean() == pytest.approx(1.0, abs=0.03), "within 3 % of the Cramer-Rao bound"
+
+    whitened = np.linalg.solve(np.linalg.cholesky(cov), errors.T)
+    total, dof = float((whitened**2).sum()), TRIALS * errors.shape[1]
+    assert 1e-3 < chi2.cdf(total, dof) < 1.0 - 1e-3, "the whole covariance, correlations included"

@@ -30,7 +30,7 @@ from studies.results.diagnose import DiagnoseResult, SpectrumLines, aliases_of
 from studies.results.identify import IdentifyResult
 from studies.results.parts import joint_array
 from studies.results.read import read_as
-from tests.calib.test_error_curve import HALF, found
+from tests.calib.test_diagnose import HALF, curve_of
 from tests.calib.test_recovered import arm, session
 from tests.calib.test_recovered import read as instrument_reads
 from tests.calib.test_spectra import mirrored, on_grid, spectra_at, with_ripple
@@ -195,7 +195,7 @@ def test_a_log_axis_has_ticks_to_read(low: float, high: float) -> None:
 
 @pytest.fixture(scope="module")
 def diagnosis() -> Diagnosis:
-    return found("backlash:A3", (HALF,))[0]
+    return curve_of("backlash:A3", (HALF,))[0]
 
 
 @pytest.mark.long

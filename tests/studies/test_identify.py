@@ -158,7 +158,7 @@ def test_a_still_day(folder: Path) -> None:
     assert "base_drift" not in said
 
 
-@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("timed", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_drifting_day(folder: Path, timed: bool) -> None:
     """Poses that are held out tell of it as those that are fitted."""
     p, said = identified(folder, measured(folder, RATES, timed), "--holdout", "0.3")

@@ -193,6 +193,7 @@ def test_ends_of_ones_own(tmp_path: Path) -> None:
     assert calib.load_cell(tmp_path / "cell.toml").robot.joints == ("A1", "A2", "A3")
 
 
+@pytest.mark.long
 def test_both_arms_of_a_torso(tmp_path: Path) -> None:
     """The cell that is written is planned for and identified as it is."""
     (tmp_path / "pair.urdf").write_text(two_arms.urdf())

@@ -30,8 +30,6 @@ from studies.research.docs_tables import cell_keys, made_anew
 from studies.struck import INSTEAD, remedy
 from tests.studies.command_line import heard, run
 
-RUN = "from studies.cli import run; run()"
-
 HEAVY = [
     "cvxpy",
     "distributed",

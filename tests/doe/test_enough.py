@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from calib import (
     Measurements,
     Poses,
     identify,
-    load_cell,
-    load_measurements,
     load_targets,
 )
 from calib.arrays import Array
@@ -30,12 +27,11 @@ from calib.prediction.estimate import fitted_of
 from doe.forecast.coming import match
 from doe.forecast.coming import whole_day as coming_day
 from doe.forecast.enough import Enough, enough
-from studies.research.truth.day import Day, Setting, draw_day, write_day
-from tests.doe.forecast.day import RIGID, cell_of_day, of_poses, whole_day
+from studies.research.truth import day as truth_day
+from tests.day import PLAN_RIGID, cell_of_day, day, of_poses, whole_day
 from tests.helpers import read_by, with_effects
 
 SO_FAR = [2, 5, 8, 14]
-_HERE, _LONGER = Setting("6R", 0.0, 1, 40, 3), Setting("6R", 0.0, 1, 45, 3)
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +179,9 @@ def test_without_a_plan_only_now_is_known(cell: Cell, half: Measurements, answer
 
 
 def test_a_model_of_time_goes_on_at_the_pace_of_the_data(kr270: Cell, table_two: Poses) -> None:
-    cell = replace(with_effects(cell_of_day(kr270), *RIGID, "base_drift", "backlash:A3"), load=None)
+    cell = replace(
+        with_effects(cell_of_day(kr270), *PLAN_RIGID, "base_drift", "backlash:A3"), load=None
+    )
     cell = replace(cell, size_prior="off", repeatability=Repeatability(0.0, 0.0))
     full = whole_day(cell, table_two)
     found = identify(cell, full)
@@ -281,32 +279,26 @@ def sagging(rng: np.random.Generator) -> Callable[[Array], Array]:
     return truth
 
 
-def written_day(folder: Path, day: Day) -> tuple[Cell, Measurements]:
-    write_day(folder, day)
-    cell = load_cell(folder / "cell.toml")
-    return cell, load_measurements(cell, folder / "measurements.csv")
-
-
-def came_of(cell: Cell, answer: Enough, folder: Path, day: Day) -> float:
+def came_of(cell: Cell, answer: Enough, truth: truth_day.Day) -> float:
     """By how much fresh poses then miss, RMS, m."""
     assert answer.found is not None
-    targets, _ = load_targets(cell, folder / "targets.csv")
-    off = answer.found.predict(targets) - day.approached
+    targets, _ = load_targets(cell, cell.path.with_name("targets.csv"))
+    off = answer.found.predict(targets) - truth.approached
     return float(np.sqrt((off**2).sum(axis=-1).mean()))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("effect", [warming, sagging])
 def test_what_is_called_reached_comes(
-    tmp_path: Path, effect: Callable[[np.random.Generator], Callable[[Array], Array]]
+    effect: Callable[[np.random.Generator], Callable[[Array], Array]],
 ) -> None:
     """Once in twenty may be wrong: of ten days, three would be a hundred to one against that."""
     wrong, promised = 0, []
     for index in range(10):
-        day = draw_day(_HERE, index, 5, effect(np.random.default_rng([index, 77])))
-        cell, data = written_day(tmp_path, day)
+        errs = effect(np.random.default_rng([index, 77]))
+        cell, data, _, truth = day("6R", seed=5, index=index, poses=40, truth=errs)
         answer = enough(cell, data)
-        came = came_of(cell, answer, tmp_path, day)
+        came = came_of(cell, answer, truth)
         wrong += came > answer.steps[0].task_most
         promised.append(came / answer.steps[0].task_rms)
         assert answer.steps[0].task_most >= answer.lacking.missed
@@ -315,17 +307,16 @@ def test_what_is_called_reached_comes(
 
 
 @pytest.mark.long
-def test_what_the_arm_scatters_is_never_reached(tmp_path: Path) -> None:
+def test_what_the_arm_scatters_is_never_reached() -> None:
     """An arm of 0.03 mm in MuJoCo: part of what is expected, and no number of poses goes below."""
-    day = draw_day(Setting("6R", 3e-5, 1, 40, 3), 1, 0)
-    cell, data = written_day(tmp_path, day)
+    cell, data, _, truth = day("6R", index=1, scatter=3e-5, poses=40)
     answer = enough(cell, data, goal=2e-5)
     now = answer.steps[0]
     assert answer.beyond_reach
     assert answer.needed is None
     assert not answer.fresh
     assert now.task_rms == pytest.approx(np.hypot(now.from_parameters, answer.lacking.rms))
-    came = came_of(cell, answer, tmp_path, day)
+    came = came_of(cell, answer, truth)
     assert now.task_rms == pytest.approx(came, rel=0.2)
     assert came <= now.task_most
     assert enough(cell, data, goal=1.01 * now.task_most).needed == 0
@@ -333,19 +324,18 @@ def test_what_the_arm_scatters_is_never_reached(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_day_that_lacks_nothing_is_promised_nothing_more(tmp_path: Path) -> None:
-    day = draw_day(_HERE, 0, 5)
-    cell, data = written_day(tmp_path, day)
+def test_a_day_that_lacks_nothing_is_promised_nothing_more() -> None:
+    cell, data, _, truth = day("6R", seed=5, index=0, poses=40)
     answer = enough(cell, data)
-    came = came_of(cell, answer, tmp_path, day)
+    came = came_of(cell, answer, truth)
     assert answer.lacking.rms == 0.0
     assert answer.steps[0].task_rms == pytest.approx(came, rel=0.4)
     assert answer.steps[0].task_most < 2.0 * came
 
 
-def test_held_out_poses_are_what_was_measured_there(tmp_path: Path) -> None:
-    day = draw_day(_LONGER, 4, 5, sagging(np.random.default_rng(4)))
-    cell, data = written_day(tmp_path, day)
+def test_held_out_poses_are_what_was_measured_there() -> None:
+    sags = sagging(np.random.default_rng(4))
+    cell, data, _, _ = day("6R", seed=5, index=4, poses=45, truth=sags)
     own, held = data.take(slice(0, 30)), data.take(slice(30, 45))
     answer = enough(cell, own, heldout=held)
     assert answer.found is not None

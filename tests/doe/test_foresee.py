@@ -16,25 +16,12 @@ from calib.poses.moves import with_moves
 from calib.simulation import drawn_readings
 from doe.forecast.accuracy import most_useful_first
 from doe.forecast.foresee import PowerAnalysis, foresee
+from tests.day import MODEL, free_and_loaded
 from tests.helpers import all_seen, cell_of, random_robot, with_effects
 
-MODEL = ("base", "tool", "geometry", "joint_compliance:A2,A3,A4,A5,A6")
 
-
-def session(cell: Cell, count: int, seed: int = 0) -> Poses:
-    """Configurations, free and loaded, over some hours and kelvins."""
-    rng = np.random.default_rng(seed)
-    low, high = cell.robot.sample_limits().T
-    index = np.arange(2.0 * count)
-    return with_moves(
-        poses_at(
-            np.repeat(rng.uniform(low, high, (count, 6)), 2, axis=0),
-            time=index * 60.0,
-            temperature=20.0 + 3.0 * np.sin(index / 9.0),
-            load_mass=np.tile([0.0, 200.0], count),
-            load_com=np.array([0.3, 0.0, 0.15]),
-        )
-    )
+def session(cell: Cell, count: int) -> Poses:
+    return free_and_loaded(np.random.default_rng(0), cell, count)
 
 
 @pytest.fixture(scope="module")

@@ -26,8 +26,8 @@ from calib.inference.restricted import RestrictedLikelihood
 from calib.scatter import Variances
 
 _MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
-CURVE_PRICE = float(2.0 * np.log(10.0))
-"""What a curve must explain beyond a named cause, in -2 log likelihood: odds of ten to one."""
+CURVE_PRICE = float(2.0 * np.log(100.0))
+"""What a curve must explain beyond a named cause, in -2 log likelihood: odds of a hundred to one."""
 _CURVES_KEPT = 24  # that are looked at again before the next scan
 _STEPS = 8  # of a search of variances
 _TURNS = 2  # of variances and amplitudes

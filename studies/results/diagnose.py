@@ -55,26 +55,30 @@ class CauseParameter(Entry):
     unit: str
 
 
-class FoundCause(LikelyCause):
-    """A cause that was found, and the causes that these data cannot tell from it.
+class NamedCause(LikelyCause):
+    """A cause that was found, and those it may be; standing : how sure it is."""
+
+    p_value: Number
+    alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
+    share_of_gap: Maybe
+    standing: Literal["established", "likely", "one_of"]
+
+
+class FoundCause(NamedCause):
+    """A cause of errors of poses.
 
     aliases : cycles that a ripple may have as well; far_out : what of it is larger than such errors
-        usually are; standing : how sure it is; decided_by : what would tell it from the others, beyond
-        further poses
+        usually are; decided_by : what would tell it from the others, beyond further poses
     chosen_again : share of ten halves of the configurations in which it, or one of its class, returns
     shape_p_value, shape_share : of the test of its form, and the part of itself that errs, in squares
     curve_ratio : evidence of the best curve at its place over its own
     """
 
-    p_value: Number
     shape_p_value: Maybe = None
     shape_share: Maybe = None
-    alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[CauseParameter, ...]
-    share_of_gap: Maybe
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
-    standing: Literal["established", "likely", "one_of"]
     decided_by: str | None = None
     chosen_again: Maybe = None
     curve_ratio: Maybe = None
@@ -213,6 +217,15 @@ class GapErrors(Entry):
             ("cross-validated in time", self.over_time_before_mm, self.over_time_after_mm),
         )
         return [(name, before, after) for name, before, after in known if before is not None]
+
+    def error(self, of: str, fitted: str, unit: str) -> BeforeAfter:
+        """Before and after, held out where anything was, else ``fitted``; of : which error."""
+        if self.heldout_before_mm is not None and self.heldout_after_mm is not None:
+            return BeforeAfter(self.heldout_before_mm, self.heldout_after_mm, of, unit, True)
+        before, after = (
+            getattr(self, f"{fitted}_{when}_mm") or 0.0 for when in ("before", "after")
+        )
+        return BeforeAfter(before, after, of, unit)
 
 
 class Rest(Entry):
@@ -386,13 +399,8 @@ class DiagnoseResult(Result):
     @property
     def error(self) -> BeforeAfter:
         """RMS before and after, at poses held out where there are any."""
-        gap, of = (
-            self.gap,
-            "RMS error at {where}, with the model as given and with the causes found",
-        )
-        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
-            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, gap.unit, True)
-        return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, of, gap.unit)
+        of = "RMS error at {where}, with the model as given and with the causes found"
+        return self.gap.error(of, "fit", self.gap.unit)
 
     @property
     def main_table(self) -> tuple[FoundCause, ...]:

@@ -131,9 +131,7 @@ def _deliver_motions(
     from doe import design_motions
     from studies.results.design import MotionDesignResult, name_of
 
-    for name, given in refused.items():
-        if given:
-            raise InputError(name, "", "does not go with --motions", "leave it out")
+    options.refuse("--motions", refused)
     if isinstance(asked.get("candidates"), Path):
         raise InputError("--candidates", "", "is no number", "motions are drawn; give how many")
     inputs = [cell.path, *cell.robot_files]

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from calib import Cell
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.cell.planned import Ball, Body, Box
 from studies.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from calib import Cell
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
-    from calib.cell.planned import Body
 
 _SIDE, _FRONT, _ABOVE = np.eye(3)[[0, 2]], np.eye(3)[[1, 2]], np.eye(3)[[0, 1]]
 _WIDTH = 5.6  # inches
@@ -74,8 +71,6 @@ def placed(cell: Cell, q: Array) -> tuple[Array, Array]:
 
     q : ndarray, shape (m, n), rad or m
     """
-    from calib.arm.kinematics import forward, link_origins
-
     frames, on = forward(cell.robot, q), cell.marker_frames
     origins = link_origins(cell.robot, frames, q)
     turned = np.einsum("mkij,kj->mki", frames.R_link[:, on], cell.markers.reshape(-1, 3))
@@ -116,8 +111,6 @@ def _mark(panel: Axes, view: Array, points: Array, look: style.Look, size: float
 
 def _outline(body: Body) -> Iterator[Array]:
     """Lines (k, 3), m, of an obstacle that has an end."""
-    from calib.cell.planned import Ball, Box
-
     if isinstance(body, Box):
         corners = (_CORNERS * body.half) @ body.T_base_box[:3, :3].T + body.T_base_box[:3, 3]
         yield from (corners[list(edge)] for edge in _EDGES)

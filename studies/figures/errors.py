@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from calib.arrays import Array
 from studies.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from calib.arrays import Array
-    from studies.results.identify import IdentifyResult
+from studies.results.identify import IdentifyResult
 
 _BEFORE = style.Look("before: nominal model", style.VERMILLION, "^")
 _FITTED = style.Look("after, fitted poses", style.BLUE, "o")

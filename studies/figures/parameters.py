@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from calib.arrays import Array
 from studies.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from calib.arrays import Array
-    from studies.results.identify import IdentifyResult
+from studies.results.identify import IdentifyResult
 
 _Series: TypeAlias = Mapping[style.Look, Sequence[float | None]]
 _ONE_COLUMN = 45  # more parameters stand in two columns

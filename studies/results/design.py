@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
 
+from calib import Cell
+from calib.arm.robot import Robot
+from doe import Design
+from doe.constraints.self_collision import unchecked
+from doe.motions import MotionDesign
+from doe.motions.draw import Motion
+from doe.order import travel
 from studies.results.base import (
     MM,
     Cause,
@@ -23,13 +30,6 @@ from studies.results.base import (
 )
 from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, ParameterStd, joint_values
-
-if TYPE_CHECKING:
-    from calib import Cell
-    from calib.arm.robot import Robot
-    from doe import Design
-    from doe.motions import MotionDesign
-    from doe.motions.draw import Motion
 
 
 class DesignPose(JointValues):
@@ -116,9 +116,6 @@ class DesignResult(Result, PlanAccuracy):
     @classmethod
     def of(cls, found: Design, cell: Cell, made_from: Envelope) -> Self:
         """A design in a cell."""
-        from doe.constraints.self_collision import unchecked
-        from doe.order import travel
-
         problem, judged, again = found.problem, found.assessment, found.reapproaches
         criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
         levels = shown_levels(found)
@@ -270,10 +267,6 @@ class MotionDesignResult(Result):
             predicted_std=tuple(PredictedTerm.from_object(p, std=std) for p, std in pairs),
             removed_by=found.removed,
         )
-
-    @property
-    def kind(self) -> str:
-        return "design_motions"
 
     @property
     def main_table(self) -> tuple[PlannedMotion, ...]:

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field
 
+from calib import Cell, Measurements
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.causes import Cause as FittedCause
+from calib.diagnosis.gap import Gap
+from calib.diagnosis.spectra import Spectrum, spectra
+from calib.effects import catalogue
+from calib.instruments.protocol import Component
+from calib.prediction.estimate import estimate_of
 from studies.results.base import (
     BeforeAfter,
     Cause,
@@ -30,14 +38,6 @@ from studies.results.estimate import Estimated, Lengths, Pixels, Residual
 from studies.results.expected import ExpectedErrors
 from studies.results.noise import Noise
 from studies.results.parts import Conditions
-
-if TYPE_CHECKING:
-    from calib import Cell, Measurements
-    from calib.diagnosis import Diagnosis
-    from calib.diagnosis.causes import Cause as FittedCause
-    from calib.diagnosis.gap import Gap
-    from calib.diagnosis.spectra import Spectrum
-    from calib.instruments.protocol import Component
 
 
 class LikelyCause(Cause):
@@ -333,9 +333,6 @@ class DiagnoseResult(Result):
 
         figures : whether it holds what they show: further fits; warnings : of the data
         """
-        from calib.diagnosis.spectra import spectra
-        from calib.prediction.estimate import estimate_of
-
         after, poses, rest = result.after, result.data.poses, result.rest
         model, tip, lines = after.model, after.model.robot.tip, spectra(result)
         footprint = model.footprint(after.values, result.data)
@@ -426,8 +423,6 @@ class DiagnoseResult(Result):
     @property
     def rivals(self) -> list[str]:
         """Two causes that the data cannot tell apart and a choice of poses may, ``effect:where``."""
-        from calib.effects import catalogue
-
         for effect in self.effects:
             joints = [entry.key for entry in effect.alike if not catalogue()[entry.effect].uses]
             if effect.one_of and len(joints) > 1:

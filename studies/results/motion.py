@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 
+from calib.arrays import Array
+from calib.motion.causes import MotionCause, MotionParameter
+from calib.motion.diagnose import MotionDiagnosis, TorqueGap
+from calib.motion.encoders import NAMES, UNITS
 from studies.results.base import (
     BeforeAfter,
     DetectionLimit,
@@ -25,11 +29,6 @@ from studies.results.diagnose import (
     LocatedPlace,
     NamedCause,
 )
-
-if TYPE_CHECKING:
-    from calib.arrays import Array
-    from calib.motion.causes import MotionCause, MotionParameter
-    from calib.motion.diagnose import MotionDiagnosis, TorqueGap
 
 
 class TermParameter(CauseParameter):
@@ -188,8 +187,6 @@ class MotionResult(Result):
         warnings: Iterable[str] = (),
     ) -> Self:
         """The result of a diagnosis of motions."""
-        from calib.motion.encoders import NAMES, UNITS
-
         gap: TorqueGap = found.gap
         left = max(gap.overall(gap.after) ** 2 - found.floor**2, 0.0) ** 0.5
         joints = found.cell.robot.joints
@@ -231,10 +228,6 @@ class MotionResult(Result):
             blocks=found.blocks,
             holdout=holdout,
         )  # fmt: skip
-
-    @property
-    def kind(self) -> str:
-        return "motion"
 
     @property
     def error(self) -> BeforeAfter:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from calib.arrays import Array
 from studies.figures import style
 from studies.results.identify import IdentifyResult
+from studies.results.parts import ParameterStd
 
 _Series: TypeAlias = Mapping[style.Look, Sequence[float | None]]
 _ONE_COLUMN = 45  # more parameters stand in two columns
@@ -33,28 +34,20 @@ _OTHERS = ((style.BLUE, "D"), (style.VERMILLION, "o"), (style.GREEN, "^"), (styl
 def deviations(result: IdentifyResult) -> Figure | None:
     """Size and standard deviation of the robot's parameters; None where there is none."""
     robot = [p for p in result.parameters if not p.placed]
-    series: _Series = {_SIZE: [abs(p.value) for p in robot], _STD: [p.std for p in robot]}
-    return _by_unit([p.id for p in robot], [p.unit for p in robot], series) if robot else None
+    return _by_unit(robot, {_SIZE: [abs(p.value) for p in robot], _STD: [p.std for p in robot]})
 
 
 @style.styled
 def predicted_deviations(result: Any) -> Figure | None:
     """Standard deviations that a design predicts."""
     predicted = result.predicted_std
-    if not predicted:
-        return None
-    return _by_unit(
-        [p.id for p in predicted],
-        [p.unit for p in predicted],
-        {_PREDICTED: [p.std for p in predicted]},
-    )
+    return _by_unit(predicted, {_PREDICTED: [p.std for p in predicted]})
 
 
 @style.styled
-def deviations_by_approach(result: Any) -> Figure:
+def deviations_by_approach(result: Any) -> Figure | None:
     """Standard deviations of a comparison: by approach of one plan, or by plan of several (#2)."""
     first = result.plans[0]
-    names, units = first.ids, [p.unit for p in first.points.parameters]
     if len(result.plans) == 1:
         every = {_LOOKS[approach.key]: approach for approach in first.approaches}
     else:
@@ -63,15 +56,18 @@ def deviations_by_approach(result: Any) -> Figure:
             style.Look(plan.plan, *_OTHERS[k % len(_OTHERS)]): plan.points
             for k, plan in enumerate(shared)
         }
-    return _by_unit(
-        names,
-        units,
-        {look: [p.std for p in approach.parameters] for look, approach in every.items()},
-    )
+    series = {look: [p.std for p in approach.parameters] for look, approach in every.items()}
+    return _by_unit(first.points.parameters, series)
 
 
-def _by_unit(names: Sequence[str], units: Sequence[str], series: _Series) -> Figure:
-    """Positive values on log axes, a panel a unit, a row a parameter; two columns of many."""
+def _by_unit(parameters: Sequence[ParameterStd], series: _Series) -> Figure | None:
+    """Positive values on log axes, a panel a unit, a row a parameter; two columns of many.
+
+    None without a parameter
+    """
+    if not parameters:
+        return None
+    names, units = [p.id for p in parameters], [p.unit for p in parameters]
     values = {look: _positive(column) for look, column in series.items()}
     blocks = list(_blocks(units, 2 if len(names) > _ONE_COLUMN else 1))
     columns = max(column for column, _ in blocks) + 1

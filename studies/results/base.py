@@ -9,13 +9,15 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypedDict
 
-from pandas import DataFrame
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from calib.errors import CalibError
 from calib.files.read import sha256
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MM, MICRO = 1e3, 1e6
 _UNITS = {"mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "urad": 1e-6, "s": 1.0, "SI": 1.0}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -17,8 +17,10 @@ from calib.prediction.budget import Budget, UncertaintySource, combined
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate, ExpectedError
 from calib.scatter import Variances
-from doe import Design
 from studies.results.base import MM, Entry, Maybe, NotNegative, Positive
+
+if TYPE_CHECKING:
+    from doe import Design
 
 
 class ExpectedErrors(Entry):

@@ -16,7 +16,6 @@ from calib.cell.planned import Ball, Body, Box
 from studies.figures import style
 
 _SIDE, _FRONT, _ABOVE = np.eye(3)[[0, 2]], np.eye(3)[[1, 2]], np.eye(3)[[0, 1]]
-_WIDTH = 5.6  # inches
 _FAINT = 20  # poses; of more, each is fainter
 _NEAR = 1.6  # arm lengths; an instrument farther away is not in the picture
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -44,9 +43,9 @@ def arm(cell: Cell, q: Array) -> Figure:
     points = np.concatenate([points, near])
     low, high = points.min(axis=0) - 0.06 * length, points.max(axis=0) + 0.06 * length
     x, y, z = high - low
-    height = _WIDTH * (z + y) / (x + y) + 0.5
+    height = style.PANEL * (z + y) / (x + y) + 0.5
     figure, every = style.panels(
-        _WIDTH, min(max(height, 3.0), 9.0), 2, 2,
+        style.PANEL, min(max(height, 3.0), 9.0), 2, 2,
         gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]}
     )  # fmt: skip
     style.fixed(figure, (0.5, 0.3, 0.05, 0.25), (0.5, 0.5))

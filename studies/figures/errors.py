@@ -17,7 +17,7 @@ _FITTED = style.Look("after, fitted poses", style.BLUE, "o")
 _HELD = style.Look("after, held-out poses", style.GREEN, "D")
 _NOISE = "noise of the instrument alone"
 _LEAST = 1e-6  # mm: below it an error is drawn as none
-_ACROSS, _MOST = 3, 6  # style.panels
+_ACROSS, _MOST = 2, 6  # panels: two beside each other are legible on a phone
 _PARTS = 6  # of the poses, each with its median
 _FEWEST = 3  # poses of a part
 

@@ -5,6 +5,7 @@ The estimate is in SI; :func:`calib.files.estimate.load_estimate` reads it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -150,6 +151,11 @@ class Residual(Entry):
     def before(self) -> tuple[float, ...]:
         """The same by the model that it is compared with."""
         return getattr(self, f"{self.other}_{'mm' if self.metric else 'px'}") or ()
+
+    @cached_property
+    def lengths(self) -> tuple[float, float]:
+        """Length of the residual by the model that it is compared with, and by this one."""
+        return math.hypot(*self.before), math.hypot(*self.vector)
 
     @classmethod
     def each(

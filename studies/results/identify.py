@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, Self
@@ -346,6 +345,7 @@ class IdentifyResult(Result):
         tracked = model.tracked(fit.data if whole is None else whole)
         bases = {where: Placement.of(placed) for where, placed in result.bases.items()}
         first = next(iter(result.bases.values()), np.zeros(6))
+        parts = [part for part in (fit, held) if part is not None]
         read: list[int] = np.unique(model.readout.channels.marker).tolist()
         return cls.from_object(
             result,
@@ -382,8 +382,7 @@ class IdentifyResult(Result):
             correlation=np.round(result.correlation, 4).tolist(),
             residuals=tuple(
                 row
-                for part in (fit, held)
-                if part is not None
+                for part in parts
                 for row in IdentifyResidual.each(
                     model,
                     part.data,
@@ -403,8 +402,7 @@ class IdentifyResult(Result):
             lenses=tuple(LensValue.each(result)),
             conditions=tuple(
                 row
-                for part in (fit, held)
-                if part is not None
+                for part in parts
                 for row in Conditions.each(model.robot, part.data, part is held)
             ),
             estimate=Estimated.of(estimate),
@@ -425,10 +423,7 @@ class IdentifyResult(Result):
                 self.instruments, key=lambda errors: errors.heldout or errors.fitted_all or 0.0
             )
             rows, unit = [row for row in rows if row.instrument == worst.instrument], worst.unit
-        before, after = (
-            rms([math.hypot(*vector) for vector in vectors])
-            for vectors in ([row.before for row in rows], [row.vector for row in rows])
-        )
+        before, after = map(rms, zip(*(row.lengths for row in rows), strict=True))
         judged = None if self.acceptance is None else self.acceptance.judgement
         return BeforeAfter(before, after, "RMS error at {where}", unit, heldout, judged=judged)
 
@@ -442,12 +437,11 @@ class IdentifyResult(Result):
         return tuple(
             PoseError(
                 pose,
-                rms([math.hypot(*row.before) for row in readings]),
-                rms([math.hypot(*row.vector) for row in readings]),
-                len(readings),
-                held,
+                *map(rms, zip(*(row.lengths for row in own), strict=True)),
+                points=len(own),
+                heldout=held,
             )
-            for (pose, held), readings in rows.items()
+            for (pose, held), own in rows.items()
         )
 
     @property
@@ -460,7 +454,7 @@ class IdentifyResult(Result):
         rows = [row for row in self.residuals if row.heldout and row.metric]
         if not rows:
             return None
-        lengths = [math.hypot(*row.before) for row in rows]
+        lengths = [row.lengths[0] for row in rows]
         return rms(lengths), float(np.quantile(lengths, 0.95)), max(lengths)
 
     @property

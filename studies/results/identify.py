@@ -434,15 +434,11 @@ class IdentifyResult(Result):
         for row in self.residuals:
             if row.metric:
                 rows.setdefault((row.pose, row.heldout), []).append(row)
-        return tuple(
-            PoseError(
-                pose,
-                *map(rms, zip(*(row.lengths for row in own), strict=True)),
-                points=len(own),
-                heldout=held,
-            )
-            for (pose, held), own in rows.items()
-        )
+        found = []
+        for (pose, held), own in rows.items():
+            before, after = map(rms, zip(*(row.lengths for row in own), strict=True))
+            found.append(PoseError(pose, before, after, len(own), held))
+        return tuple(found)
 
     @property
     def main_table(self) -> tuple[Parameter, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -15,10 +15,12 @@ from calib.cell.targets import targets_of
 from calib.model.covariance import accuracy, correlation
 from calib.noise import counted
 from calib.threads import one_blas_thread
-from studies.compare.experiment import Prediction, SimulatedExperiment, experiment_of, predict
-from studies.compare.simulate import Refits, agreement, refits
 from studies.results.base import MM, Count, Entry, Envelope, Maybe, Number, Result
 from studies.results.parts import NamedParameter, ParameterStd
+
+if TYPE_CHECKING:
+    from studies.compare.experiment import Prediction, SimulatedExperiment
+    from studies.compare.simulate import Refits
 
 BELIEVED = 0.01
 """Probability below which a prediction is refuted."""
@@ -94,6 +96,8 @@ class ComparedApproach(Entry):
         cls, cell: Cell, of: SimulatedExperiment, prediction: Prediction, done: Refits | None
     ) -> Self:
         """A prediction, and the fits that test it."""
+        from studies.compare.simulate import agreement
+
         parameters, way = of.model.parameters, prediction.way
         covariance, judged, simulated = prediction.covariance, None, np.inf
         rms, worst = _at_targets(cell, of, covariance)
@@ -240,6 +244,9 @@ def compared(
 
     Nothing is simulated before all is predicted. Raises UnknownEffect, EffectCannotAct, CalibError.
     """
+    from studies.compare.experiment import experiment_of, predict
+    from studies.compare.simulate import refits
+
     experiments = [experiment_of(cell, p, seed=seed, name=name) for name, p in plans.items()]
     predicted = [[predict(own, way) for way in own.ways] for own in experiments]
     found = []

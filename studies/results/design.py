@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
 
 from calib import Cell
 from calib.arm.robot import Robot
-from doe import Design
-from doe.constraints.self_collision import unchecked
-from doe.motions import MotionDesign
-from doe.motions.draw import Motion
-from doe.order import travel
 from studies.results.base import (
     MM,
     Cause,
@@ -30,6 +25,11 @@ from studies.results.base import (
 )
 from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, ParameterStd, joint_values
+
+if TYPE_CHECKING:  # what reads results needs no designs
+    from doe import Design
+    from doe.motions import MotionDesign
+    from doe.motions.draw import Motion
 
 
 class DesignPose(JointValues):
@@ -116,6 +116,9 @@ class DesignResult(Result, PlanAccuracy):
     @classmethod
     def of(cls, found: Design, cell: Cell, made_from: Envelope) -> Self:
         """A design in a cell."""
+        from doe.constraints.self_collision import unchecked
+        from doe.order import travel
+
         problem, judged, again = found.problem, found.assessment, found.reapproaches
         criterion, fixed, robot = problem.criterion, problem.request.fixed, cell.robot
         levels = shown_levels(found)

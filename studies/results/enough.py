@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from calib import Cell
 from calib.model import Model
 from calib.prediction.estimate import estimate_of
-from doe import Enough
-from doe.forecast.accuracy import ForecastStep
 from studies.results.base import (
     MM,
     BeforeAfter,
@@ -25,6 +23,10 @@ from studies.results.base import (
 )
 from studies.results.expected import ExpectedErrors
 from studies.results.parts import ParameterStd
+
+if TYPE_CHECKING:
+    from doe import Enough
+    from doe.forecast.accuracy import ForecastStep
 
 _HOUR = 3600.0  # s
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field
 
@@ -11,7 +11,6 @@ from calib import Cell
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.detection_limit import ALPHA, POWER
 from calib.effects.protocol import LoadEffect
-from doe.forecast.foresee import Detectability, PowerAnalysis
 from studies.results.base import (
     MICRO,
     Cause,
@@ -26,6 +25,9 @@ from studies.results.base import (
     Result,
 )
 from studies.results.identify import Unidentifiable
+
+if TYPE_CHECKING:
+    from doe.forecast.foresee import Detectability, PowerAnalysis
 
 _INVISIBLE = 1e3  # times the usual size: rounding shows it, not these poses
 Probability = Annotated[float, Field(gt=0, lt=1)]

@@ -261,6 +261,7 @@ class MotionDesignResult(Result):
         return cls.from_object(
             found,
             **made_from,
+            motions=True,
             criterion=found.criterion.name,
             larger_is_better=found.criterion.larger_is_better,
             chosen=tuple(

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _CLASSES = {
     "init": "written.InitResult",
     "design": "design.DesignResult",
-    "design_motions": "design_motions.MotionDesignResult",
+    "design_motions": "design.MotionDesignResult",
     "plan": "plan.PlanResult",
     "program": "written.ProgramResult",
     "import": "written.ImportResult",

@@ -8,20 +8,18 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
+from matplotlib.figure import Figure
 
+from calib import Cell, load_cell
 from calib.errors import CalibError
+from calib.files.write import write_files
 from studies import render
-from studies.figures import style
+from studies.figures import arm, style
+from studies.results.base import Result
+from studies.results.parts import joint_array
 from studies.results.read import Input, located, read
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from calib import Cell
-    from studies.results.base import Result
 
 _LABELS = {
     "identify": "Identification",
@@ -69,8 +67,6 @@ class Page:
 
     def write(self, path: Path | str) -> None:
         """Write the page to a file. Raises InputError."""
-        from calib.files.write import write_files
-
         write_files({Path(path): self.html})
 
     def _repr_html_(self) -> str:
@@ -128,9 +124,6 @@ def _label(item: Reported, every: Sequence[Reported]) -> str:
 
 def _arm(cell: Cell | None, result: Result, draw: render.Draw) -> Markup:
     """The arm at all poses of a result that has some."""
-    from studies.figures import arm
-    from studies.results.parts import joint_array
-
     poses = getattr(result, "poses" if result.kind == "design" else "conditions", ())
     q = None if cell is None else joint_array(cell.robot, poses)
     if cell is None or q is None:
@@ -170,8 +163,6 @@ def _mixed(every: Sequence[Reported]) -> Iterator[str]:
 
 def cell_of(item: Reported) -> tuple[Cell | None, tuple[str, ...]]:
     """The cell of a result, where it is unchanged, and what is left out without it."""
-    from calib import load_cell
-
     if not item.inputs:
         return None, ()
     source = item.inputs[0]

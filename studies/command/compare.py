@@ -38,8 +38,7 @@ def compare(
     """
     import calib
     from calib.errors import InputError
-    from studies.compare.engine import engine
-    from studies.compare.simulate import MOST_TRIALS
+    from studies.compare.simulate import MOST_TRIALS, engine
     from studies.results.compare import CompareResult, compared
 
     cell = calib.load_cell(cell_path)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from studies.command import options
 from studies.command.call import Call, working
+
+if TYPE_CHECKING:
+    from calib import Cell
 
 
 def _criteria(_: click.Context, __: click.Parameter, start: str) -> list[str]:
@@ -70,7 +73,6 @@ def design(
     import doe
     from calib.errors import InputError
     from calib.files.write_tables import plan_csv
-    from studies.command.planned_motions import deliver_planned_motions
     from studies.results.design import DesignResult, shown_levels
 
     source_of = click.get_current_context().get_parameter_source
@@ -84,7 +86,7 @@ def design(
             wanted["criterion"] = asked["criterion"]
         if source_of("candidates") == click.core.ParameterSource.COMMANDLINE:
             wanted["candidates"] = candidates_of(candidates)
-        deliver_planned_motions(call, cell, plan_path, wanted | {"of": parted(of)}, {
+        _deliver_motions(call, cell, plan_path, wanted | {"of": parted(of)}, {
             "--poses": asked["poses"], "--levels": asked["levels"], "--curve": asked["curve"],
             "--extend": extend_path, "--against": against, "--reapproach": reapproach,
             "--repeats": repeats,
@@ -115,6 +117,34 @@ def design(
 
 
 # fmt: on
+def _deliver_motions(
+    call: Call, cell: Cell, plan_path: Path | None, asked: dict[str, Any], refused: dict[str, Any]
+) -> None:
+    """Choose motions, and deliver.
+
+    asked : of ``doe.design_motions``; refused : options that go with poses alone, by name
+
+    Raises InputError.
+    """
+    from calib.errors import InputError
+    from calib.files.write_tables import commanded_csv
+    from doe import design_motions
+    from studies.results.design import MotionDesignResult, name_of
+
+    options.refuse("--motions", refused)
+    if isinstance(asked.get("candidates"), Path):
+        raise InputError("--candidates", "", "is no number", "motions are drawn; give how many")
+    inputs = [cell.path, *cell.robot_files]
+    call.check(inputs, plan_path)
+    with options.faults_in(cell.path), working("choosing motions"):
+        found = design_motions(cell, seed=call.seed, **asked)
+    runs = [(name_of(k), own.time, own.at(own.time)[0], own.payload.mass)
+            for k, own in enumerate(found.motions)]  # fmt: skip
+    text = commanded_csv(cell, runs)
+    result = MotionDesignResult.of(found, call.envelope(cell, inputs))
+    call.deliver(result, {} if plan_path is None else {plan_path: text})
+
+
 def parted(of: str | None) -> list[str]:
     """The names of --of."""
     return [] if of is None else [name.strip() for name in of.split(",")]

@@ -57,9 +57,7 @@ def diagnose(
     cell = calib.load_cell(cell_path)
     if plan_only:
         given = {"--holdout": holdout, "--cell-out": cell_out, "--figures": call.folder}
-        for name, value in given.items():
-            if value is not None:
-                raise InputError(name, "", "does not go with --plan-only", "give one of them")
+        options.refuse("--plan-only", given, "give one of them")
         foresee_plan(call, cell, data_path)
         return
     if holds_motions(data_path):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from studies.command import options
 from studies.command.call import Call, working
+from studies.command.session import share_or_file
 
 if TYPE_CHECKING:
     from calib import Cell
@@ -33,18 +34,20 @@ def deliver_motions(
 
     Raises InputError.
     """
-    from calib.errors import InputError
     from calib.files.cell_out import cell_with_terms
+    from calib.files.motions import load_motions
     from calib.motion.diagnose import diagnose_motions, identify_motions
     from calib.threads import one_blas_thread
     from studies.results.motion import MotionResult
 
-    for name, given in refused.items():
-        if given:
-            raise InputError(name, "", "does not go with motions", "leave it out")
+    options.refuse("motions", refused)
     with working(f"reading {data_path.name}"):
-        motions, kept, held, files = _session(cell, data_path, holdout, call.seed)
-    inputs = [cell.path, *cell.robot_files, data_path, *files]
+        share, path = share_or_file(holdout)
+        motions = kept = load_motions(cell, data_path)
+        held = None if path is None else load_motions(cell, path)
+        if share is not None:
+            kept, held = motions.split(share, call.seed)
+    inputs = [cell.path, *cell.robot_files, data_path, *filter(None, [path])]
     call.check(inputs, *outputs.values(), cell_out)
     run = one_blas_thread(diagnose_motions if command == "diagnose" else identify_motions)
     with (
@@ -55,9 +58,8 @@ def deliver_motions(
         texts, notes = robot_files(found, held, outputs)
     if cell_out is not None:
         texts[cell_out], added = cell_with_terms(found, cell_out)
-        notes.append(
-            f"{cell_out}: model with {', '.join(added) or 'nothing more; no term was found'}"
-        )
+        said = ", ".join(added) or "nothing more; no term was found"
+        notes.append(f"{cell_out}: model with {said}")
     result = MotionResult.of(
         found,
         call.envelope(cell, inputs),
@@ -102,22 +104,3 @@ def robot_files(
         names = ", ".join(np.array(joints)[held.unknown].tolist())
         notes.append(f"friction and armature of {names} stay: state [robot.torque_constant_Nm_A]")
     return texts, notes
-
-
-def _session(
-    cell: Cell, path: Path, holdout: str | None, seed: int
-) -> tuple[Motions, Motions, Motions | None, list[Path]]:
-    """All runs, those that are fitted, those held out, and further files. Raises InputError."""
-    from calib.errors import InputError
-    from calib.files.motions import load_motions
-
-    motions = load_motions(cell, path)
-    if holdout is None:
-        return motions, motions, None, []
-    try:
-        share = float(holdout)
-    except ValueError:
-        return motions, motions, load_motions(cell, Path(holdout)), [Path(holdout)]
-    if not 0.0 < share < 1.0:
-        raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
-    return motions, *motions.split(share, seed), []

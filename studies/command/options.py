@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -107,6 +107,15 @@ def faults_in(
         elif readings_of and isinstance(error, errors.ImplausibleData):
             file = readings_of
         raise errors.InputError(file, where, str(error)) from None
+
+
+def refuse(what: str, options: Mapping[str, Any], remedy: str = "leave it out") -> None:
+    """Refuse options, by their names, that are given though they do not go with what is asked."""
+    from calib.errors import InputError
+
+    for name, given in options.items():
+        if given is not None and given != () and given is not False:
+            raise InputError(name, "", f"does not go with {what}", remedy)
 
 
 def plan_names(paths: tuple[Path, ...]) -> list[str]:

@@ -28,15 +28,11 @@ def read_session(cell: Cell, data_path: Path, holdout: str | Path | None, seed: 
     from calib.errors import InputError
 
     data = calib.load_measurements(cell, data_path)
-    share = _share(holdout)
-    if share is not None and not 0.0 < share < 1.0:
-        what = f"{holdout} is not between 0 and 1"
-        raise InputError("--holdout", "", what, "use 0.3, or a file")
+    share, path = share_or_file(holdout)
     if share is not None:
         return Session(data, *data.split(share, seed), [], data.warnings)
-    if holdout is None:
+    if path is None:
         return Session(data, data, None, [], data.warnings)
-    path = Path(holdout)
     if path.resolve() == data_path.resolve():
         raise InputError(path, "", "holds the data themselves", "name other poses")
     held = calib.load_measurements(cell, path, every_marker=False)
@@ -44,11 +40,19 @@ def read_session(cell: Cell, data_path: Path, holdout: str | Path | None, seed: 
     return Session(data, *calib.in_one_session(data, held), [path], warnings)
 
 
-def _share(holdout: str | Path | None) -> float | None:
+def share_or_file(holdout: str | Path | None) -> tuple[float | None, Path | None]:
+    """What is held out: a share between 0 and 1, or a file. Raises InputError."""
+    from calib.errors import InputError
+
+    if holdout is None or isinstance(holdout, Path):
+        return None, holdout
     try:
-        return float(holdout) if isinstance(holdout, str) else None
+        share = float(holdout)
     except ValueError:
-        return None
+        return None, Path(holdout)
+    if not 0.0 < share < 1.0:
+        raise InputError("--holdout", "", f"{holdout} is not between 0 and 1", "use 0.3, or a file")
+    return share, None
 
 
 def _shared_points(data: Measurements, held: Measurements) -> tuple[str, ...]:

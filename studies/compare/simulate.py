@@ -7,21 +7,27 @@ do not depend on who computes it, where, or in which order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Array
+from calib.errors import InputError
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 from studies.compare.experiment import Prediction, SimulatedExperiment
 
 MOST_TRIALS = 50  # a block: enough for array operations to pay, few enough to stay in the cache
 _MOST_NUMBERS = 4_000_000  # entries of the derivatives of one block
+_PATIENCE_S = 6  # until a scheduler answers
 _RANK = 1e-9  # eigenvalue of the correlation matrix below which a direction is fixed
 
 
@@ -159,3 +165,34 @@ def _two_sided(value: float, dof: int) -> float:
     from scipy.special import chdtr, chdtrc
 
     return 2.0 * min(float(chdtr(dof, value)), float(chdtrc(dof, value)))
+
+
+@contextmanager
+def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """An executor, shut down at the end; None means: in this process.
+
+    Raises InputError where the scheduler cannot be reached, dask is not installed or a worker died.
+    """
+    if scheduler is not None:
+        try:
+            from distributed import Client
+
+            client = Client(scheduler, timeout=_PATIENCE_S)
+        except ImportError:
+            remedy = "pip install 'posecal[cluster]'"
+            raise InputError("--scheduler", "", "dask is not installed", remedy) from None
+        except (OSError, ValueError):
+            remedy = "start one, or leave it out"
+            raise InputError("--scheduler", scheduler, "no scheduler answers", remedy) from None
+        with client:
+            yield client.get_executor(pure=False)
+    elif workers > 1:
+        ignore = (signal.SIGINT, signal.SIG_IGN)
+        try:
+            with ProcessPoolExecutor(workers, get_context("spawn"), signal.signal, ignore) as pool:
+                yield pool
+        except BrokenProcessPool:
+            what = "a worker died, perhaps out of memory"
+            raise InputError("--workers", str(workers), what, "take fewer") from None
+    else:
+        yield None

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from calib import Cell
+from calib.arm.kinematics import forward, link_origins
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.cell.planned import Ball, Body, Box
 from studies.figures import style
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from calib import Cell
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
-    from calib.cell.planned import Body
-
 _SIDE, _FRONT, _ABOVE = np.eye(3)[[0, 2]], np.eye(3)[[1, 2]], np.eye(3)[[0, 1]]
-_WIDTH = 5.6  # inches
 _FAINT = 20  # poses; of more, each is fainter
 _NEAR = 1.6  # arm lengths; an instrument farther away is not in the picture
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -47,9 +43,9 @@ def arm(cell: Cell, q: Array) -> Figure:
     points = np.concatenate([points, near])
     low, high = points.min(axis=0) - 0.06 * length, points.max(axis=0) + 0.06 * length
     x, y, z = high - low
-    height = _WIDTH * (z + y) / (x + y) + 0.5
+    height = style.PANEL * (z + y) / (x + y) + 0.5
     figure, every = style.panels(
-        _WIDTH, min(max(height, 3.0), 9.0), 2, 2,
+        style.PANEL, min(max(height, 3.0), 9.0), 2, 2,
         gridspec_kw={"width_ratios": [x, y], "height_ratios": [z, y]}
     )  # fmt: skip
     style.fixed(figure, (0.5, 0.3, 0.05, 0.25), (0.5, 0.5))
@@ -74,8 +70,6 @@ def placed(cell: Cell, q: Array) -> tuple[Array, Array]:
 
     q : ndarray, shape (m, n), rad or m
     """
-    from calib.arm.kinematics import forward, link_origins
-
     frames, on = forward(cell.robot, q), cell.marker_frames
     origins = link_origins(cell.robot, frames, q)
     turned = np.einsum("mkij,kj->mki", frames.R_link[:, on], cell.markers.reshape(-1, 3))
@@ -116,8 +110,6 @@ def _mark(panel: Axes, view: Array, points: Array, look: style.Look, size: float
 
 def _outline(body: Body) -> Iterator[Array]:
     """Lines (k, 3), m, of an obstacle that has an end."""
-    from calib.cell.planned import Ball, Box
-
     if isinstance(body, Box):
         corners = (_CORNERS * body.half) @ body.T_base_box[:3, :3].T + body.T_base_box[:3, 3]
         yield from (corners[list(edge)] for edge in _EDGES)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from calib.arrays import Array
 from studies.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from calib.arrays import Array
-    from studies.results.curves import CurvePanel, ErrorCurve
-    from studies.results.diagnose import DiagnoseResult
+from studies.results.curves import CurvePanel, ErrorCurve
+from studies.results.diagnose import DiagnoseResult
 
 _TEXT = 0.18  # width of a number, over the longest bar
 _TWO_SIDED = 1.959964  # 95 % of a normal distribution

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from calib.arrays import Array
 from studies.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from calib.arrays import Array
-    from studies.results.identify import IdentifyResult
+from studies.results.identify import IdentifyResult
 
 _BEFORE = style.Look("before: nominal model", style.VERMILLION, "^")
 _FITTED = style.Look("after, fitted poses", style.BLUE, "o")
 _HELD = style.Look("after, held-out poses", style.GREEN, "D")
 _NOISE = "noise of the instrument alone"
 _LEAST = 1e-6  # mm: below it an error is drawn as none
-_ACROSS, _MOST = 3, 6  # style.panels
+_ACROSS, _MOST = 2, 6  # panels: two beside each other are legible on a phone
 _PARTS = 6  # of the poses, each with its median
 _FEWEST = 3  # poses of a part
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from calib.arrays import Array
 from studies.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from calib.arrays import Array
-    from studies.results.identify import IdentifyResult
+from studies.results.identify import IdentifyResult
+from studies.results.parts import ParameterStd
 
 _Series: TypeAlias = Mapping[style.Look, Sequence[float | None]]
 _ONE_COLUMN = 45  # more parameters stand in two columns
@@ -36,28 +34,20 @@ _OTHERS = ((style.BLUE, "D"), (style.VERMILLION, "o"), (style.GREEN, "^"), (styl
 def deviations(result: IdentifyResult) -> Figure | None:
     """Size and standard deviation of the robot's parameters; None where there is none."""
     robot = [p for p in result.parameters if not p.placed]
-    series: _Series = {_SIZE: [abs(p.value) for p in robot], _STD: [p.std for p in robot]}
-    return _by_unit([p.id for p in robot], [p.unit for p in robot], series) if robot else None
+    return _by_unit(robot, {_SIZE: [abs(p.value) for p in robot], _STD: [p.std for p in robot]})
 
 
 @style.styled
 def predicted_deviations(result: Any) -> Figure | None:
     """Standard deviations that a design predicts."""
     predicted = result.predicted_std
-    if not predicted:
-        return None
-    return _by_unit(
-        [p.id for p in predicted],
-        [p.unit for p in predicted],
-        {_PREDICTED: [p.std for p in predicted]},
-    )
+    return _by_unit(predicted, {_PREDICTED: [p.std for p in predicted]})
 
 
 @style.styled
-def deviations_by_approach(result: Any) -> Figure:
+def deviations_by_approach(result: Any) -> Figure | None:
     """Standard deviations of a comparison: by approach of one plan, or by plan of several (#2)."""
     first = result.plans[0]
-    names, units = first.ids, [p.unit for p in first.points.parameters]
     if len(result.plans) == 1:
         every = {_LOOKS[approach.key]: approach for approach in first.approaches}
     else:
@@ -66,15 +56,18 @@ def deviations_by_approach(result: Any) -> Figure:
             style.Look(plan.plan, *_OTHERS[k % len(_OTHERS)]): plan.points
             for k, plan in enumerate(shared)
         }
-    return _by_unit(
-        names,
-        units,
-        {look: [p.std for p in approach.parameters] for look, approach in every.items()},
-    )
+    series = {look: [p.std for p in approach.parameters] for look, approach in every.items()}
+    return _by_unit(first.points.parameters, series)
 
 
-def _by_unit(names: Sequence[str], units: Sequence[str], series: _Series) -> Figure:
-    """Positive values on log axes, a panel a unit, a row a parameter; two columns of many."""
+def _by_unit(parameters: Sequence[ParameterStd], series: _Series) -> Figure | None:
+    """Positive values on log axes, a panel a unit, a row a parameter; two columns of many.
+
+    None without a parameter
+    """
+    if not parameters:
+        return None
+    names, units = [p.id for p in parameters], [p.unit for p in parameters]
     values = {look: _positive(column) for look, column in series.items()}
     blocks = list(_blocks(units, 2 if len(names) > _ONE_COLUMN else 1))
     columns = max(column for column, _ in blocks) + 1
@@ -168,3 +161,21 @@ def ellipse(covariance: Array) -> Array:
     size, axes = np.linalg.eigh(covariance)
     out: Array = axes @ (_RADIUS * np.sqrt(np.clip(size, 0.0, None))[:, None] * circle)
     return out
+
+
+@style.styled
+def certificate(result: Any) -> Figure:
+    """Efficiencies of a design and of the plans beside it, proved by one bound, in per cent."""
+    rows = {"this plan": result.efficiency}
+    rows |= {name: rival.efficiency for name, rival in result.against.items() if rival.efficiency}
+    figure, (panel,) = style.panels(style.PANEL, 1.0 + 0.4 * len(rows))
+    for row, value in enumerate(rows.values()):
+        panel.barh(row, 100.0 * value, 0.6, color=style.DIM if row else style.BLUE)
+        panel.annotate(f"{100.0 * value:.1f} %", (100.0 * value, row), (-4, 0), ha="right", va="center",
+                       textcoords="offset points", color="#ffffff")  # fmt: skip
+    panel.axvline(100.0, color=style.INK, linewidth=1.2)
+    panel.set_yticks(range(len(rows)), list(rows))
+    panel.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0.0, 104.0))
+    panel.set_xlabel("proved share of the best possible plan [%]")
+    panel.grid(False, axis="y")
+    return figure

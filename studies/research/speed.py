@@ -126,7 +126,7 @@ def refits(repeats: int) -> list[float]:
 
 def two_workers(repeats: int) -> list[float]:
     """The same on one worker as a multiple of two that are started."""
-    from studies.compare.engine import engine
+    from studies.compare.simulate import engine
 
     run = _refits()
     with engine(WORKERS) as two:

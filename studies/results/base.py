@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MM, MICRO = 1e3, 1e6
-_UNITS = {"mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "urad": 1e-6, "s": 1.0}
+_UNITS = {"mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "urad": 1e-6, "s": 1.0, "SI": 1.0}
 
 
 def _defined(value: object) -> object:
@@ -50,7 +50,8 @@ class Entry(BaseModel):
     def from_object(cls, source: object, **others: Any) -> Self:
         """An entry of an object in SI: its attributes by the names of the fields, in their units.
 
-        ``left_mm`` is a thousand times ``source.left``, unless the object has ``left_mm``
+        ``left_mm`` is a thousand times ``source.left``, unless the object has ``left_mm``;
+        arrays become lists
         others : fields of other names
         """
         values = dict(others)
@@ -60,10 +61,22 @@ class Entry(BaseModel):
                 continue
             if unit in _UNITS and not hasattr(source, name) and hasattr(source, plain):
                 value = getattr(source, plain)
-                values[name] = None if value is None else value / _UNITS[unit]
+                values[name] = value if value is None or unit == "SI" else value / _UNITS[unit]
             elif hasattr(source, name) or field.is_required():
                 values[name] = getattr(source, name)
+            if hasattr(values.get(name), "tolist"):
+                values[name] = values[name].tolist()
         return cls(**values)
+
+
+def named_kind(head: Any) -> str:
+    """The kind of a result by its head.
+
+    Its command; ``plan`` of ``diagnose --plan-only``, ``motion`` or ``design_motions`` of motions.
+    """
+    if getattr(head, "motions", False):
+        return "design_motions" if head.command == "design" else "motion"
+    return "plan" if getattr(head, "plan_only", False) else str(head.command)
 
 
 class InputFile(Entry):
@@ -164,7 +177,7 @@ class Result(Entry):
     @property
     def kind(self) -> str:
         """The name of its kind, by which it is read and of its template."""
-        return self.command
+        return named_kind(self)
 
     @property
     def error(self) -> BeforeAfter | None:
@@ -228,10 +241,3 @@ def envelope(
     return Envelope(
         version=version("posecal"), seed=seed, inputs=files, cell=cell, about=dict(about or {})
     )
-
-
-def tuples(rows: Any) -> Any:
-    """An array, or a list of lists, as tuples; None stays."""
-    if rows is None or isinstance(rows, float | int | str):
-        return rows
-    return tuple(map(tuples, rows.tolist() if hasattr(rows, "tolist") else rows))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field
 
+from calib.change import FALSE_ALARM, Changes, verdict
+from calib.inference.coverage import Interval
+from calib.prediction.estimate import Estimate
 from studies.results.base import (
     MM,
     Count,
@@ -18,11 +21,6 @@ from studies.results.base import (
     Positive,
     Result,
 )
-
-if TYPE_CHECKING:
-    from calib.change import Changes
-    from calib.inference.coverage import Interval
-    from calib.prediction.estimate import Estimate
 
 
 class ErrorInterval(Entry):
@@ -77,8 +75,6 @@ class ChangesResult(Result):
         made_from: Envelope,
     ) -> Self:  # fmt: skip
         """Changes between two results of these names; estimate : of the later one."""
-        from calib.change import FALSE_ALARM, verdict
-
         between, (rms, worst) = found.difference, found.kept
         own = {p.key: p for p in estimate.model.parameters}
         columns = (between.keys, between.change, between.std, between.family_p, between.moved)

@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from calib import Cell, Poses
+from calib.arrays import Array
+from calib.cell.targets import targets_of
+from calib.model.covariance import accuracy, correlation
+from calib.noise import counted
 from calib.threads import one_blas_thread
-from studies.results.base import MM, Count, Entry, Envelope, Maybe, Number, Result, tuples
+from studies.results.base import MM, Count, Entry, Envelope, Maybe, Number, Result
 from studies.results.parts import NamedParameter, ParameterStd
 
 if TYPE_CHECKING:
-    from calib import Cell, Poses
-    from calib.arrays import Array
     from studies.compare.experiment import Prediction, SimulatedExperiment
     from studies.compare.simulate import Refits
 
@@ -93,7 +96,6 @@ class ComparedApproach(Entry):
         cls, cell: Cell, of: SimulatedExperiment, prediction: Prediction, done: Refits | None
     ) -> Self:
         """A prediction, and the fits that test it."""
-        from calib.noise import counted
         from studies.compare.simulate import agreement
 
         parameters, way = of.model.parameters, prediction.way
@@ -124,9 +126,6 @@ class ComparedApproach(Entry):
 
 def _at_targets(cell: Cell, of: SimulatedExperiment, covariance: Array) -> tuple[float, float]:
     """Expected position error [m] at the targets, RMS and worst; infinite where a parameter is open."""
-    from calib.cell.targets import targets_of
-    from calib.model.covariance import accuracy
-
     if (np.diag(covariance) == 0.0).any():
         return np.inf, np.inf
     return accuracy(of.model, of.nominal, covariance, *targets_of(cell))
@@ -147,8 +146,6 @@ class CorrelatedPair(Entry):
     @classmethod
     def each(cls, of: SimulatedExperiment, predictions: Sequence[Prediction]) -> Iterator[Self]:
         """The robot's parameters that go together most, or all where it has but one."""
-        from calib.model.covariance import correlation
-
         every, R = of.model.parameters, correlation(predictions[-1].covariance)
         own = [i for i, p in enumerate(every) if p.effect not in ("base", "tool")]
         own = own if len(own) > 1 else list(range(len(every)))
@@ -156,7 +153,7 @@ class CorrelatedPair(Entry):
         for _, a, b in sorted(pairs, reverse=True)[:_PAIRS]:
             scales, part = np.array([every[a].scale, every[b].scale]), np.ix_([a, b], [a, b])
             units = np.outer(scales, scales)
-            covariance = {p.way.key: tuples(p.covariance[part] / units) for p in predictions}
+            covariance = {p.way.key: (p.covariance[part] / units).tolist() for p in predictions}
             yield cls(ids=(every[a].id, every[b].id), covariance=covariance)
 
 

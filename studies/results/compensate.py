@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field
 
+from calib import Cell, Compensation
+from doe.constraints import broken_at
 from studies.results.base import (
     MM,
     BeforeAfter,
@@ -19,9 +21,6 @@ from studies.results.base import (
 )
 from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, joint_values
-
-if TYPE_CHECKING:
-    from calib import Cell, Compensation
 
 _MRAD = 1e3
 
@@ -73,8 +72,6 @@ class CompensateResult(Result):
     @classmethod
     def of(cls, found: Compensation, cell: Cell, made_from: Envelope) -> Self:
         """A compensation in a cell."""
-        from doe.constraints import broken_at
-
         robot, names = cell.robot, found.targets.names
         errors = {"before": found.before, "left": found.left, "expected": found.expected}
         reasons = sorted({*found.limited_by} - {""})

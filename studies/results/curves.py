@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from pydantic import Field
 
-from studies.results.base import MICRO, Count, Entry, NotNegative, Number, Row, Unit, tuples
-
-if TYPE_CHECKING:
-    from calib.arm.robot import Robot
-    from calib.diagnosis import Diagnosis
-    from calib.diagnosis.candidates import Candidate
-    from calib.diagnosis.error_curve import ErrorCurve as FittedCurve
+from calib.arm.robot import Robot
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.error_curve import ErrorCurve as FittedCurve
+from calib.diagnosis.error_curve import error_curve
+from calib.diagnosis.gap import rms, squared_errors
+from studies.results.base import MICRO, Count, Entry, NotNegative, Number, Row, Unit
 
 _LEVELS = 3  # knots up to which a variable takes a few values only
 _LEAVES_ZERO = 3.0  # standard deviations by which a direction must leave zero to be shown
@@ -52,8 +52,6 @@ class ErrorSteps(Entry):
     @classmethod
     def of_diagnosis(cls, result: Diagnosis) -> Self:
         """Fit the model again with one more effect each time."""
-        from calib.diagnosis.gap import rms, squared_errors
-
         added, stage, before, after = _added(result), result.stage, result.before, result.after
         data = stage.data.take(~stage.dropped) if result.heldout is None else result.heldout
         effects = [candidate.effect for candidate in added]
@@ -109,8 +107,6 @@ class ErrorCurve(Entry):
     @classmethod
     def each(cls, result: Diagnosis) -> Iterator[Self]:
         """A free curve in place of everything that was found and can be drawn."""
-        from calib.diagnosis.error_curve import error_curve
-
         robot = result.before.model.robot
         for candidate in _added(result):
             fitted = error_curve(result, candidate)
@@ -132,15 +128,15 @@ class ErrorCurve(Entry):
             coefficients=len(knots) * fitted.directions.shape[1],
             absorbed=fitted.absorbed,
             variable_label=variable_label,
-            grid=tuples(fitted.grid[on_grid] * scale),
-            variable=tuples(fitted.variable * scale),
+            grid=(fitted.grid[on_grid] * scale).tolist(),
+            variable=(fitted.variable * scale).tolist(),
             panels=tuple(
                 CurvePanel(
                     label=_axis_label(fitted, c, robot),
-                    value=tuples(fitted.value[on_grid, c] * MICRO),
-                    std=tuples(fitted.std[on_grid, c] * MICRO),
-                    single=tuples(fitted.single[:, c] * MICRO),
-                    effect=tuples(fitted.effect[:, c] * MICRO) if candidate.named else None,
+                    value=(fitted.value[on_grid, c] * MICRO).tolist(),
+                    std=(fitted.std[on_grid, c] * MICRO).tolist(),
+                    single=(fitted.single[:, c] * MICRO).tolist(),
+                    effect=(fitted.effect[:, c] * MICRO).tolist() if candidate.named else None,
                     line=fitted.function[c],
                 )
                 for c in _clear(fitted)

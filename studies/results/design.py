@@ -1,4 +1,4 @@
-"""The JSON of ``posecal design``: the poses to measure, and the proof of how good they are."""
+"""The JSON of ``posecal design``: poses to measure or motions to log, and how good they are."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from calib import Cell
+from calib.arm.robot import Robot
 from studies.results.base import (
     MM,
+    Cause,
     Count,
     Entry,
     Envelope,
@@ -17,14 +20,16 @@ from studies.results.base import (
     MaybePositive,
     NotNegative,
     Number,
+    Positive,
     Result,
 )
 from studies.results.expected import ExpectedErrors
 from studies.results.parts import JointValues, ParameterStd, joint_values
 
-if TYPE_CHECKING:
-    from calib import Cell
+if TYPE_CHECKING:  # what reads results needs no designs
     from doe import Design
+    from doe.motions import MotionDesign
+    from doe.motions.draw import Motion
 
 
 class DesignPose(JointValues):
@@ -180,3 +185,93 @@ def _levels(found: Design, levels: list[float]) -> dict[str, Any]:
         unit = "levels_mm" if robot.prismatic[joint] else "levels_deg"
         fields[unit][robot.joints[joint]] = tuple(sorted(set(levels)))
     return fields
+
+
+# -- motions -----------------------------------------------------------------------------------
+
+
+def name_of(index: int) -> str:
+    """Of the session of a motion, counted from zero."""
+    return f"motion{index + 1}"
+
+
+class PlannedMotion(Entry):
+    """A motion to log; largest : speed of the fastest joint, and which joint that is."""
+
+    session: str
+    seconds: Positive
+    payload_kg: NotNegative
+    fastest: str
+    largest: NotNegative
+    unit: Literal["deg/s", "mm/s"]
+
+    @classmethod
+    def of(cls, session: str, motion: Motion, robot: Robot) -> Self:
+        """The entry of a motion."""
+        speed = np.abs(motion.at(motion.time)[1]).max(axis=0)
+        first = int(speed.argmax())
+        slides, most = bool(robot.prismatic[first]), float(speed[first])
+        return cls(
+            session=session,
+            seconds=motion.lasts,
+            payload_kg=motion.payload.mass,
+            fastest=robot.joints[first],
+            largest=most * MM if slides else math.degrees(most),
+            unit="mm/s" if slides else "deg/s",
+        )
+
+
+class PredictedTerm(Cause):
+    """A parameter of the torque and the deviation that it will have."""
+
+    name: str
+    std: Maybe
+    unit: str
+
+
+class MotionDesignResult(Result):
+    """The motions to log.
+
+    motions : by which it is known from a design of poses
+    value, bound : of the criterion, parameters in plausible sizes: a tenth of the torque, of a mass
+    random : share of the bound that motions drawn by chance reach, median of a hundred choices
+    open : inertials for which others of the model stand in every motion
+    """
+
+    command: Literal["design"] = "design"
+    motions: Literal[True] = True
+    criterion: str
+    larger_is_better: bool
+    value: Number
+    bound: Number
+    efficiency: Number
+    random: Number
+    chosen: tuple[PlannedMotion, ...]
+    predicted_std: tuple[PredictedTerm, ...]
+    open: tuple[str, ...]
+    candidates: Count
+    removed_by: dict[str, int]
+    granted: tuple[str, ...]
+    seconds: NotNegative
+
+    @classmethod
+    def of(cls, found: MotionDesign, made_from: Envelope) -> Self:
+        """A design in its cell."""
+        pairs = zip(found.parameters, found.std.tolist(), strict=True)
+        return cls.from_object(
+            found,
+            **made_from,
+            motions=True,
+            criterion=found.criterion.name,
+            larger_is_better=found.criterion.larger_is_better,
+            chosen=tuple(
+                PlannedMotion.of(name_of(k), own, found.cell.robot)
+                for k, own in enumerate(found.motions)
+            ),
+            predicted_std=tuple(PredictedTerm.from_object(p, std=std) for p, std in pairs),
+            removed_by=found.removed,
+        )
+
+    @property
+    def main_table(self) -> tuple[PlannedMotion, ...]:
+        return self.chosen

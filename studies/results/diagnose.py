@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field
 
+from calib import Cell, Measurements
+from calib.diagnosis import Diagnosis
+from calib.diagnosis.causes import Cause as FittedCause
+from calib.diagnosis.gap import Gap
+from calib.diagnosis.spectra import Spectrum, spectra
+from calib.effects import catalogue
+from calib.instruments.protocol import Component
+from calib.prediction.estimate import estimate_of
 from studies.results.base import (
     BeforeAfter,
     Cause,
@@ -31,14 +39,6 @@ from studies.results.expected import ExpectedErrors
 from studies.results.noise import Noise
 from studies.results.parts import Conditions
 
-if TYPE_CHECKING:
-    from calib import Cell, Measurements
-    from calib.diagnosis import Diagnosis
-    from calib.diagnosis.causes import Cause as FittedCause
-    from calib.diagnosis.gap import Gap
-    from calib.diagnosis.spectra import Spectrum
-    from calib.instruments.protocol import Component
-
 
 class LikelyCause(Cause):
     """A cause that may be it."""
@@ -55,26 +55,30 @@ class CauseParameter(Entry):
     unit: str
 
 
-class FoundCause(LikelyCause):
-    """A cause that was found, and the causes that these data cannot tell from it.
+class NamedCause(LikelyCause):
+    """A cause that was found, and those it may be; standing : how sure it is."""
+
+    p_value: Number
+    alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
+    share_of_gap: Maybe
+    standing: Literal["established", "likely", "one_of"]
+
+
+class FoundCause(NamedCause):
+    """A cause of errors of poses.
 
     aliases : cycles that a ripple may have as well; far_out : what of it is larger than such errors
-        usually are; standing : how sure it is; decided_by : what would tell it from the others, beyond
-        further poses
+        usually are; decided_by : what would tell it from the others, beyond further poses
     chosen_again : share of ten halves of the configurations in which it, or one of its class, returns
     shape_p_value, shape_share : of the test of its form, and the part of itself that errs, in squares
     curve_ratio : evidence of the best curve at its place over its own
     """
 
-    p_value: Number
     shape_p_value: Maybe = None
     shape_share: Maybe = None
-    alike: tuple[LikelyCause, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[CauseParameter, ...]
-    share_of_gap: Maybe
     aliases: tuple[Number, ...] = ()
     far_out: str | None = None
-    standing: Literal["established", "likely", "one_of"]
     decided_by: str | None = None
     chosen_again: Maybe = None
     curve_ratio: Maybe = None
@@ -214,6 +218,15 @@ class GapErrors(Entry):
         )
         return [(name, before, after) for name, before, after in known if before is not None]
 
+    def error(self, of: str, fitted: str, unit: str) -> BeforeAfter:
+        """Before and after, held out where anything was, else ``fitted``; of : which error."""
+        if self.heldout_before_mm is not None and self.heldout_after_mm is not None:
+            return BeforeAfter(self.heldout_before_mm, self.heldout_after_mm, of, unit, True)
+        before, after = (
+            getattr(self, f"{fitted}_{when}_mm") or 0.0 for when in ("before", "after")
+        )
+        return BeforeAfter(before, after, of, unit)
+
 
 class Rest(Entry):
     """What remains beside the causes: a standard deviation of one coordinate, beyond the instrument's.
@@ -320,9 +333,6 @@ class DiagnoseResult(Result):
 
         figures : whether it holds what they show: further fits; warnings : of the data
         """
-        from calib.diagnosis.spectra import spectra
-        from calib.prediction.estimate import estimate_of
-
         after, poses, rest = result.after, result.data.poses, result.rest
         model, tip, lines = after.model, after.model.robot.tip, spectra(result)
         footprint = model.footprint(after.values, result.data)
@@ -386,13 +396,8 @@ class DiagnoseResult(Result):
     @property
     def error(self) -> BeforeAfter:
         """RMS before and after, at poses held out where there are any."""
-        gap, of = (
-            self.gap,
-            "RMS error at {where}, with the model as given and with the causes found",
-        )
-        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
-            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, gap.unit, True)
-        return BeforeAfter(gap.fit_before_mm, gap.fit_after_mm, of, gap.unit)
+        of = "RMS error at {where}, with the model as given and with the causes found"
+        return self.gap.error(of, "fit", self.gap.unit)
 
     @property
     def main_table(self) -> tuple[FoundCause, ...]:
@@ -418,8 +423,6 @@ class DiagnoseResult(Result):
     @property
     def rivals(self) -> list[str]:
         """Two causes that the data cannot tell apart and a choice of poses may, ``effect:where``."""
-        from calib.effects import catalogue
-
         for effect in self.effects:
             joints = [entry.key for entry in effect.alike if not catalogue()[entry.effect].uses]
             if effect.one_of and len(joints) > 1:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal, Self
 
+from calib import Cell
+from calib.model import Model
+from calib.prediction.estimate import estimate_of
 from studies.results.base import (
     MM,
     BeforeAfter,
@@ -22,8 +25,6 @@ from studies.results.expected import ExpectedErrors
 from studies.results.parts import ParameterStd
 
 if TYPE_CHECKING:
-    from calib import Cell
-    from calib.model import Model
     from doe import Enough
     from doe.forecast.accuracy import ForecastStep
 
@@ -141,8 +142,6 @@ class EnoughResult(Result):
         warnings: Iterable[str] = (),
     ) -> Self:
         """An answer in a cell; planned : poses of the plan; warnings : of the data."""
-        from calib.prediction.estimate import estimate_of
-
         found, model, coming = answer.found, answer.model, answer.steps[1:]
         length, after = model.readout.channels.metric, cell.design.targets_after or 0.0
         return cls.from_object(

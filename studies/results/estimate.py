@@ -5,12 +5,18 @@ The estimate is in SI; :func:`calib.files.estimate.load_estimate` reads it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from calib.arrays import Array
+from calib.identification import Residuals
+from calib.model import Model
+from calib.poses import Measurements
+from calib.prediction.estimate import Estimate
 from studies.results.base import (
     MM,
     Entry,
@@ -20,15 +26,7 @@ from studies.results.base import (
     Outlier,
     Owner,
     Three,
-    tuples,
 )
-
-if TYPE_CHECKING:
-    from calib.arrays import Array
-    from calib.identification import Residuals
-    from calib.model import Model
-    from calib.poses import Measurements
-    from calib.prediction.estimate import Estimate
 
 
 class EstimatedParameter(Entry):
@@ -94,29 +92,20 @@ class Estimated(Entry):
         return cls.from_object(
             estimate,
             parameters=tuple(
-                EstimatedParameter(effect=p.effect, where=p.where, name=p.name, value_SI=value)
+                EstimatedParameter.from_object(p, value_SI=value)
                 for p, value in zip(estimate.model.parameters, estimate.values, strict=True)
             ),
-            covariance_SI=tuples(estimate.covariance),
             session_start_s=estimate.start,
             session_clock=estimate.clock_unit,
             unexplained=Unexplained.from_object(estimate.discrepancy),
             scatter_SI=None
             if variances is None
-            else ScatterVariances(
-                approach=tuples(variances.approach),
-                configuration=tuples(variances.configuration),
-                configuration_of=estimate.configuration_of,
+            else ScatterVariances.from_object(
+                variances, configuration_of=estimate.configuration_of
             ),
-            trend_SI=tuples(estimate.trend),
             unmeasured=tuple(
-                UnmeasuredEffects(
-                    effects=tuple(f"{e.kind}:{e.where}" for e in one.effects),
-                    square_SI=tuples(one.square),
-                    absorbed_SI=tuples(one.absorbed),
-                    largest_mm=one.largest * MM,
-                    within=one.within,
-                    time_s=one.time,
+                UnmeasuredEffects.from_object(
+                    one, effects=tuple(f"{e.kind}:{e.where}" for e in one.effects)
                 )
                 for one in estimate.unmeasured
             ),
@@ -126,7 +115,6 @@ class Estimated(Entry):
 Lengths = Three | tuple[Number, Number] | tuple[Number]
 """Residual of a point, of two of its coordinates, or of one length, mm."""
 Pixels = tuple[Number, Number]
-_IN_MM, _IN_PX = ("x_mm", "y_mm", "z_mm", "d_mm"), ("u_px", "v_px")
 
 
 class Residual(Entry):
@@ -155,13 +143,19 @@ class Residual(Entry):
     @cached_property
     def vector(self) -> tuple[float, ...]:
         """Its numbers: up to three coordinates, one length, or two of the image."""
-        values = (getattr(self, name) for name in (_IN_MM if self.metric else _IN_PX))
+        lengths = (self.x_mm, self.y_mm, self.z_mm, self.d_mm)
+        values = lengths if self.metric else (self.u_px, self.v_px)
         return tuple(value for value in values if value is not None)
 
     @property
     def before(self) -> tuple[float, ...]:
         """The same by the model that it is compared with."""
         return getattr(self, f"{self.other}_{'mm' if self.metric else 'px'}") or ()
+
+    @cached_property
+    def lengths(self) -> tuple[float, float]:
+        """Length of the residual by the model that it is compared with, and by this one."""
+        return math.hypot(*self.before), math.hypot(*self.vector)
 
     @classmethod
     def each(
@@ -173,10 +167,11 @@ class Residual(Entry):
 
         Of a point in the instrument's frame, of the origin of a body in its own.
         """
-        poses = data.poses
+        poses, channel_names = data.poses, model.channel_names
         sites = [""] * len(poses) if poses.site is None else poses.site.tolist()
         for instrument, part in model.readout.channels.blocks:
             names = [f"{n.name}_{n.unit}" for n in instrument.numbers]
+            markers = channel_names[part]
             units: dict[str, list[int]] = {}
             for k, number in enumerate(instrument.numbers):
                 if names[k] in cls.model_fields:
@@ -194,7 +189,7 @@ class Residual(Entry):
                     values |= {names[k]: new[i][c][k] for k in places}
                 yield cls(
                     pose=poses.names[i],
-                    marker=model.channel_names[part][c],
+                    marker=markers[c],
                     instrument=instrument.name_at(sites[i]),
                     heldout=heldout,
                     **values,

@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from calib import Cell
+from calib.arrays import Array
+from calib.cell.targets import targets_of
+from calib.inference.coverage import LEVEL
+from calib.model.covariance import task_error
+from calib.prediction.budget import Budget, UncertaintySource, combined
+from calib.prediction.discrepancy import ModelDiscrepancy
+from calib.prediction.estimate import Estimate, ExpectedError
+from calib.scatter import Variances
 from studies.results.base import MM, Entry, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:
-    from calib import Cell
-    from calib.arrays import Array
-    from calib.prediction.budget import Budget, UncertaintySource
-    from calib.prediction.estimate import Estimate, ExpectedError
     from doe import Design
 
 
@@ -36,8 +41,6 @@ class ExpectedErrors(Entry):
     @classmethod
     def of(cls, error: ExpectedError, weights: Array) -> Self:
         """The entry of an expected error; weights : ndarray, shape (m,), of the targets."""
-        from calib.model.covariance import task_error
-
         rms, worst = task_error(error.rms, weights)
         parts = {
             f"{name}_mm": task_error(getattr(error, name), weights)[0] * MM
@@ -55,21 +58,12 @@ class ExpectedErrors(Entry):
     @classmethod
     def at_targets(cls, cell: Cell, estimate: Estimate) -> Self:
         """The error of an estimate at the targets of a cell."""
-        from calib.cell.targets import targets_of
-        from calib.prediction.estimate import ExpectedError
-
         targets, weights = targets_of(cell)
         return cls.of(ExpectedError(estimate, targets), weights)
 
     @classmethod
     def of_plan(cls, found: Design, cell: Cell) -> Self:
         """Of a plan: what its readings leave open, the arm as the cell states it, a complete model."""
-        from calib.cell.targets import targets_of
-        from calib.model.covariance import task_error
-        from calib.prediction.discrepancy import ModelDiscrepancy
-        from calib.prediction.estimate import Estimate, ExpectedError
-        from calib.scatter import Variances
-
         model, (targets, weights) = found.problem.model, targets_of(cell)
         count, judged = len(model.parameters), found.assessment
         stated = Variances.of_arm(model.robot.dof, cell.repeatability)
@@ -128,8 +122,6 @@ class ExpandedUncertainty(Entry):
     @classmethod
     def of(cls, budget: Budget, parts: Sequence[UncertaintySource]) -> Self:
         """Several sources together."""
-        from calib.prediction.budget import combined
-
         both = combined(parts, budget.weights)
         u, most = budget.rms(both.errors), budget.rms(both.expanded)
         return cls(
@@ -152,8 +144,6 @@ class UncertaintyBudget(Entry):
     @classmethod
     def of(cls, budget: Budget) -> Self:
         """The entry of a budget."""
-        from calib.inference.coverage import LEVEL
-
         total = ExpandedUncertainty.of(budget, budget.parts)
         square = total.standard_uncertainty_mm**2
         return cls(

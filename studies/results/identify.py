@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
 
+from calib import Cell, Identification, Measurements
+from calib.arm.se3 import so3_exp, so3_log
+from calib.arrays import Array
+from calib.effects.camera import LensEffect
+from calib.effects.tool_base import Base
+from calib.identification import Residuals
+from calib.identification.drift import drift_p
+from calib.inference.widths import Widths
+from calib.instruments import Camera, Pose
+from calib.prediction.budget import accuracy_at_targets
+from calib.prediction.estimate import estimate_of
 from studies.results.base import (
     MM,
     BeforeAfter,
@@ -26,19 +36,11 @@ from studies.results.base import (
     Result,
     Three,
     Unit,
-    tuples,
 )
 from studies.results.estimate import Estimated, Lengths, Pixels, Residual, outliers
 from studies.results.expected import ExpectedErrors, UncertaintyBudget
 from studies.results.noise import Noise
 from studies.results.parts import Conditions, ParameterStd
-
-if TYPE_CHECKING:
-    from calib import Cell, Identification, Measurements
-    from calib.arrays import Array
-    from calib.identification import Residuals
-    from calib.inference.widths import Widths
-    from calib.instruments import Camera
 
 _TOGETHER = 0.9  # correlation that is listed
 _LENS_IN_PX = 4  # values of a lens in pixels, the first
@@ -62,7 +64,7 @@ class Parameter(ParameterStd):
         """All parameters in the order of the model."""
         scales = np.array([p.scale for p in result.model.parameters])
         known = (result.std > 0.0) & np.isfinite(result.std)
-        intervals = tuples(result.interval() / scales[:, None])
+        intervals = (result.interval() / scales[:, None]).tolist()
         return cls.known(
             result.model.parameters,
             np.where(known, result.std, np.nan),
@@ -124,8 +126,6 @@ class LensValue(Entry):
     @classmethod
     def each(cls, result: Identification) -> Iterator[Self]:
         """All values of the lenses of which anything was identified."""
-        from calib.instruments import Camera
-
         for camera in result.model.readout.channels.instruments:
             if not isinstance(camera, Camera):
                 continue
@@ -145,9 +145,6 @@ class LensValue(Entry):
 
 def _lens_by_parameters(result: Identification, camera: Camera) -> Array:
     """Derivatives of a lens's values by the parameters, shape (n, p)."""
-    from calib.effects.camera import LensEffect
-    from calib.effects.tool_base import Base
-
     by = np.zeros((len(camera.lens.values), len(result.values)))
     for effect, part in result.model.parts:
         if isinstance(effect, Base) and effect.of.name == camera.name:
@@ -263,11 +260,9 @@ class Placement(Entry):
     @classmethod
     def of(cls, placed: Array, **more: Any) -> Self:
         """A placement of translation and rotation vector, shape (6,), m and rad."""
-        from calib.arm.se3 import so3_exp, so3_log
-
         turned = so3_log(so3_exp(placed[3:]))  # at most half a turn
         return cls(
-            rotation_vector_rad=tuples(turned), translation_mm=tuples(placed[:3] * MM), **more
+            rotation_vector_rad=turned.tolist(), translation_mm=(placed[:3] * MM).tolist(), **more
         )
 
 
@@ -278,8 +273,6 @@ class Placements(Placement):
 
 
 def _bodies(result: Identification) -> Iterator[tuple[str, Placement]]:
-    from calib.instruments import Pose
-
     for instrument in result.model.instruments:
         if isinstance(instrument, Pose):
             for at, body in instrument.bodies(result.marker_positions):
@@ -346,16 +339,13 @@ class IdentifyResult(Result):
         whole : all readings of the table, held-out ones too; asked : weighting, length_mm, holdout
         warnings : of the data
         """
-        from calib.identification.drift import drift_p
-        from calib.prediction.budget import accuracy_at_targets
-        from calib.prediction.estimate import estimate_of
-
         model, fit, held, noise = result.model, result.fit, result.heldout, result.noise
         estimate = estimate_of(result, cell.design.targets_after or 0.0)
         accuracy = accuracy_at_targets(cell, result, estimate)
         tracked = model.tracked(fit.data if whole is None else whole)
         bases = {where: Placement.of(placed) for where, placed in result.bases.items()}
         first = next(iter(result.bases.values()), np.zeros(6))
+        parts = [part for part in (fit, held) if part is not None]
         read: list[int] = np.unique(model.readout.channels.marker).tolist()
         return cls.from_object(
             result,
@@ -386,14 +376,13 @@ class IdentifyResult(Result):
             ),
             base=Placements.of(first, stations=bases if len(bases) > 1 else {}),
             markers_mm={
-                model.marker_names[j]: tuples(result.marker_positions[j] * MM) for j in read
+                model.marker_names[j]: (result.marker_positions[j] * MM).tolist() for j in read
             },
             bodies=dict(_bodies(result)),
-            correlation=tuples(np.round(result.correlation, 4)),
+            correlation=np.round(result.correlation, 4).tolist(),
             residuals=tuple(
                 row
-                for part in (fit, held)
-                if part is not None
+                for part in parts
                 for row in IdentifyResidual.each(
                     model,
                     part.data,
@@ -413,8 +402,7 @@ class IdentifyResult(Result):
             lenses=tuple(LensValue.each(result)),
             conditions=tuple(
                 row
-                for part in (fit, held)
-                if part is not None
+                for part in parts
                 for row in Conditions.each(model.robot, part.data, part is held)
             ),
             estimate=Estimated.of(estimate),
@@ -435,10 +423,7 @@ class IdentifyResult(Result):
                 self.instruments, key=lambda errors: errors.heldout or errors.fitted_all or 0.0
             )
             rows, unit = [row for row in rows if row.instrument == worst.instrument], worst.unit
-        before, after = (
-            rms([math.hypot(*vector) for vector in vectors])
-            for vectors in ([row.before for row in rows], [row.vector for row in rows])
-        )
+        before, after = map(rms, zip(*(row.lengths for row in rows), strict=True))
         judged = None if self.acceptance is None else self.acceptance.judgement
         return BeforeAfter(before, after, "RMS error at {where}", unit, heldout, judged=judged)
 
@@ -449,16 +434,11 @@ class IdentifyResult(Result):
         for row in self.residuals:
             if row.metric:
                 rows.setdefault((row.pose, row.heldout), []).append(row)
-        return tuple(
-            PoseError(
-                pose,
-                rms([math.hypot(*row.before) for row in readings]),
-                rms([math.hypot(*row.vector) for row in readings]),
-                len(readings),
-                held,
-            )
-            for (pose, held), readings in rows.items()
-        )
+        found = []
+        for (pose, held), own in rows.items():
+            before, after = map(rms, zip(*(row.lengths for row in own), strict=True))
+            found.append(PoseError(pose, before, after, len(own), held))
+        return tuple(found)
 
     @property
     def main_table(self) -> tuple[Parameter, ...]:
@@ -470,7 +450,7 @@ class IdentifyResult(Result):
         rows = [row for row in self.residuals if row.heldout and row.metric]
         if not rows:
             return None
-        lengths = [math.hypot(*row.before) for row in rows]
+        lengths = [row.lengths[0] for row in rows]
         return rms(lengths), float(np.quantile(lengths, 0.95)), max(lengths)
 
     @property

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
 
+from calib.arrays import Array
+from calib.motion.causes import MotionCause, MotionParameter
+from calib.motion.diagnose import MotionDiagnosis, TorqueGap
+from calib.motion.encoders import NAMES, UNITS
 from studies.results.base import (
     BeforeAfter,
-    Cause,
     DetectionLimit,
     Entry,
     Envelope,
@@ -20,73 +22,58 @@ from studies.results.base import (
     Outlier,
     Result,
 )
-from studies.results.diagnose import GapErrors, LocatedPlace
+from studies.results.diagnose import (
+    CauseParameter,
+    GapErrors,
+    LikelyCause,
+    LocatedPlace,
+    NamedCause,
+)
 
-if TYPE_CHECKING:
-    from calib.arrays import Array
-    from calib.motion.causes import MotionCause, MotionParameter
-    from calib.motion.diagnose import MotionDiagnosis, TorqueGap
 
-
-class TermParameter(Entry):
+class TermParameter(CauseParameter):
     """A parameter of a term; std by the jackknife over runs, ci95 by Student's t."""
 
-    name: str
-    value: Number
-    std: Maybe
-    unit: str
     ci95: tuple[Maybe, Maybe]
 
     @classmethod
     def of(cls, own: MotionParameter, unit: str) -> Self:
         """The entry; unit : of the efforts, in which torques stand."""
         named = own.unit if unit == "Nm" else _of_current(own.unit)
-        return cls(
-            name=own.name, value=own.value, std=own.std, unit=named, ci95=(own.low, own.high)
-        )
+        return cls.from_object(own, unit=named, ci95=(own.low, own.high))
 
 
 def _of_current(unit: str) -> str:
-    return (
-        "A s^2/rad" if unit == "kg m^2" else "A/Nm" if unit == "Nm/Nm" else unit.replace("Nm", "A")
-    )
+    of_torque = {"kg m^2": "A s^2/rad", "Nm/Nm": "A/Nm"}
+    return of_torque.get(unit, unit.replace("Nm", "A"))
 
 
-class LikelyTerm(Cause):
-    """A term that may be it."""
-
-    probability: Maybe
-
-
-class TorqueTerm(LikelyTerm):
+class TorqueTerm(NamedCause):
     """A term that was found, and those that these motions cannot tell from it.
 
     gain_percent : mean growth of the squared error of left-out runs without it
     """
 
-    p_value: Number
     gain_percent: Number
-    alike: tuple[LikelyTerm, ...] = Field(validation_alias="class", serialization_alias="class")
     parameters: tuple[TermParameter, ...]
-    share_of_gap: Maybe
-    standing: Literal["established", "likely", "one_of"]
 
     @classmethod
     def of(cls, cause: MotionCause, unit: str) -> Self:
         """The entry of a cause."""
-        first = LikelyTerm(effect=cause.effect, where=cause.where, probability=cause.probability)
-        others = (LikelyTerm(effect=e, where=w, probability=p) for e, w, p in cause.rivals)
+        first = (cause.effect, cause.where, cause.probability)
         of_links = cause.effect in ("inertials", "payload")
-        return cls(
-            **first.model_dump(),
+        return cls.from_object(
+            cause,
             p_value=cause.evidence.p,
             gain_percent=100.0 * cause.evidence.gain,
-            alike=(first, *others),
+            alike=tuple(
+                LikelyCause(effect=effect, where=where, probability=p)
+                for effect, where, p in (first, *cause.rivals)
+            ),
             parameters=tuple(
                 TermParameter.of(own, "Nm" if of_links else unit) for own in cause.parameters
             ),
             share_of_gap=cause.share,
-            standing=cause.standing,
         )
 
 
@@ -149,20 +136,11 @@ class TorqueConstant(Entry):
     std_nm_a: Maybe
 
 
-class GearValue(Entry):
-    """What a second encoder says of a gear."""
-
-    name: str
-    value: Number
-    std: Maybe
-    unit: str
-
-
 class GearEntry(Entry):
     """Of one gear; RMS difference of both encoders before and after."""
 
     joint: str
-    values: tuple[GearValue, ...]
+    values: tuple[CauseParameter, ...]
     before_urad: NotNegative
     after_urad: NotNegative
 
@@ -210,8 +188,6 @@ class MotionResult(Result):
         warnings: Iterable[str] = (),
     ) -> Self:
         """The result of a diagnosis of motions."""
-        from calib.motion.encoders import NAMES, UNITS
-
         gap: TorqueGap = found.gap
         left = max(gap.overall(gap.after) ** 2 - found.floor**2, 0.0) ** 0.5
         joints = found.cell.robot.joints
@@ -240,7 +216,7 @@ class MotionResult(Result):
                 GearEntry(
                     joint=own.joint,
                     values=tuple(
-                        GearValue(name=name, value=value, std=std, unit=unit)
+                        CauseParameter(name=name, value=value, std=std, unit=unit)
                         for name, value, std, unit in zip(
                             NAMES, own.values, own.std, UNITS, strict=True
                         )
@@ -256,17 +232,10 @@ class MotionResult(Result):
         )  # fmt: skip
 
     @property
-    def kind(self) -> str:
-        return "motion"
-
-    @property
     def error(self) -> BeforeAfter:
         """Percent of the torque, at held-out runs where there are any."""
-        gap, of = self.gap, "error of the torque, with the model as given and with the terms found"
-        if gap.heldout_before_mm is not None and gap.heldout_after_mm is not None:
-            return BeforeAfter(gap.heldout_before_mm, gap.heldout_after_mm, of, "%", True)
-        before, after = gap.crossvalidated_before_mm, gap.crossvalidated_after_mm
-        return BeforeAfter(before or 0.0, after or 0.0, of, "%")
+        of = "error of the torque, with the model as given and with the terms found"
+        return self.gap.error(of, "crossvalidated", "%")
 
     @property
     def where(self) -> str:
@@ -281,16 +250,12 @@ class MotionResult(Result):
 
     @property
     def by_effect(self) -> list[tuple[str, list[TorqueTerm]]]:
-        """Terms of each kind, the kinds with the largest share first."""
-        names = dict.fromkeys(own.effect for own in self.effects)
-        order = list(self.gap.joints)
+        """Terms of each kind, the kinds with the largest share first, in the order of the joints."""
+        order = dict(zip(self.gap.joints, range(len(self.gap.joints)), strict=True))
+        by_kind: dict[str, list[TorqueTerm]] = {}
+        for own in self.effects:
+            by_kind.setdefault(own.effect, []).append(own)
         return [
-            (
-                name,
-                sorted(
-                    (own for own in self.effects if own.effect == name),
-                    key=lambda own: order.index(own.where) if own.where in order else 0,
-                ),
-            )
-            for name in names
+            (kind, sorted(terms, key=lambda own: order.get(own.where, 0)))
+            for kind, terms in by_kind.items()
         ]

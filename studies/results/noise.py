@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
+from calib.cell import Repeatability
+from calib.identification.noise import NoiseLevel
+from calib.identification.variances import VarianceEstimate
+from calib.model import Model
+from calib.scatter import Scatter, pose_to_pose
 from studies.results.base import (
     MICRO,
     MM,
@@ -14,12 +19,6 @@ from studies.results.base import (
     Owner,
     Positive,
 )
-
-if TYPE_CHECKING:
-    from calib.identification.noise import NoiseLevel
-    from calib.identification.variances import VarianceEstimate
-    from calib.model import Model
-    from calib.scatter import Scatter
 
 _LOUD = 4.0  # times the stated noise: no instrument exceeds it by that much
 
@@ -72,9 +71,6 @@ class Noise(Entry):
 
         footprint : m, to one unit of the readings (:meth:`calib.model.Model.footprint`)
         """
-        from calib.cell import Repeatability
-        from calib.scatter import pose_to_pose
-
         judged = pose_to_pose(levels, scatter, model.robot.reach)
         arm, rest = judged.arm, judged.rest
         if rest is None and levels is not None and scatter is not None:

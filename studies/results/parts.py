@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
+from calib.arm.robot import Robot
+from calib.arrays import Array
+from calib.effects.protocol import Parameter
+from calib.poses import Measurements
 from studies.results.base import Entry, Maybe, NotNegative, Number
-
-if TYPE_CHECKING:
-    from calib.arm.robot import Robot
-    from calib.arrays import Array
-    from calib.effects.protocol import Parameter
-    from calib.poses import Measurements
 
 
 class JointValues(Entry):

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field
 
+from calib import Cell
+from calib.diagnosis.candidates import Candidate
+from calib.diagnosis.detection_limit import ALPHA, POWER
+from calib.effects.protocol import LoadEffect
 from studies.results.base import (
     MICRO,
     Cause,
@@ -23,8 +27,6 @@ from studies.results.base import (
 from studies.results.identify import Unidentifiable
 
 if TYPE_CHECKING:
-    from calib import Cell
-    from calib.diagnosis.candidates import Candidate
     from doe.forecast.foresee import Detectability, PowerAnalysis
 
 _INVISIBLE = 1e3  # times the usual size: rounding shows it, not these poses
@@ -139,9 +141,6 @@ class PlanResult(Result):
     @classmethod
     def of(cls, found: PowerAnalysis, cell: Cell, made_from: Envelope) -> Self:  # noqa: ARG003
         """A power analysis in a cell."""
-        from calib.diagnosis.detection_limit import ALPHA, POWER
-        from calib.effects.protocol import LoadEffect
-
         poses, seen = found.data.poses, [cause.candidate for cause in found.seen]
         through = any(isinstance(cause.effect, LoadEffect) for cause in seen)
         waits = zip(poses.names, found.waiting, strict=True)
@@ -163,10 +162,6 @@ class PlanResult(Result):
             twins=tuple(EquivalentCauses.of(seen[i] for i in group) for group in found.confounded),
             not_asked=tuple(map(NotAsked.from_object, found.missing)),
         )
-
-    @property
-    def kind(self) -> str:
-        return "plan"
 
     @property
     def seen(self) -> list[SeenCause]:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from calib.errors import InputError
 from calib.files.read import read_text, sha256
 from studies.kinds import KINDS, result_type
-from studies.results.base import InputFile, Result
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
-
+from studies.results.base import InputFile, Result, named_kind
 
 _MOST_BYTES = 200_000_000
 _ANEW = "write it anew with this version"
@@ -32,13 +29,6 @@ class _Head(BaseModel):
     motions: bool = False
     inputs: list[InputFile]
 
-    @property
-    def kind(self) -> str:
-        """Its command; ``plan`` for ``diagnose --plan-only``, ``motion`` for motions."""
-        if self.motions:
-            return "design_motions" if self.command == "design" else "motion"
-        return "plan" if self.command == "diagnose" and self.plan_only else self.command
-
 
 def read(path: Path) -> Result:
     """The result in a file.
@@ -53,7 +43,7 @@ def read(path: Path) -> Result:
         raise InputError(path, "", "is no result of posecal", remedy) from None
     if head.format != 1:
         raise InputError(path, "schema", "is not 1", "write the result anew with this version")
-    kind = head.kind
+    kind = named_kind(head)
     if kind not in KINDS:
         raise InputError(
             path, "command", f"{kind[:40]!r} is no kind of result", f"known are {', '.join(KINDS)}"

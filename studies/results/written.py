@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field
 
+from calib.files.robot import Proposal
 from studies.results.base import Count, Entry, Envelope, InputFile, NotNegative, Result
-
-if TYPE_CHECKING:
-    from calib.files.robot import Proposal
 
 
 class ProposedArm(Entry):

@@ -30,9 +30,7 @@ from calib.cell.planned import Planned
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
-from studies.compare import engine as engines
 from studies.compare import simulate
-from studies.compare.engine import engine
 from studies.compare.experiment import (
     POINTS,
     WAYS,
@@ -41,7 +39,7 @@ from studies.compare.experiment import (
     experiment_of,
     predict,
 )
-from studies.compare.simulate import MOST_TRIALS, Refits, agreement, refits
+from studies.compare.simulate import MOST_TRIALS, Refits, agreement, engine, refits
 from studies.demo.embedded import embedded_text
 from studies.results.compare import (
     ComparedApproach,
@@ -645,7 +643,7 @@ def one_line(done: Result, *words: str) -> None:
 @pytest.mark.long
 def test_nothing_listens(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(engines, "_PATIENCE_S", 1)
+    monkeypatch.setattr(simulate, "_PATIENCE_S", 1)
     one_line(called(*small, "--scheduler", NOWHERE), NOWHERE)
 
 

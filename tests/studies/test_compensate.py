@@ -155,7 +155,7 @@ def test_commands_that_do_not_keep_clear_are_told(demo: Path, tmp_path: Path) ->
     fields = json.loads((tmp_path / "c.json").read_text())
     assert fields["not_clear"] == {targets.names[0]: "obstacle 1 (sphere)"}
     said = " ".join(found.output.split())
-    assert f"at the corrected command of {targets.names[0]} the arm does not keep clear" in said
+    assert f"the arm does not keep clear at the corrected command of {targets.names[0]}" in said
 
 
 CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)

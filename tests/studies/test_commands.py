@@ -24,6 +24,7 @@ from calib.simulation import drawn_readings
 from doe.criteria import CRITERIA, UNASKED
 from studies.command.program import MOST_AXES, program_text
 from studies.demo.embedded import embedded_text
+from tests.calib.test_motion import arm
 from tests.camera_cells import PINHOLE, camera_cell
 from tests.day import PLAN_MODEL, of_poses, whole_day
 from tests.helpers import cell_of, random_robot, simulated
@@ -389,3 +390,24 @@ def test_images_of_a_board_become_rows(tmp_path: Path, monkeypatch: pytest.Monke
     data = calib.load_measurements(calib.load_cell("cell.toml"), "day.csv")
     assert data.poses.names == ("shot1", "shot0")
     np.testing.assert_allclose(data.readings, truth[::-1], atol=0.3)
+
+
+def test_motions_are_chosen_by_the_command(tmp_path: Path) -> None:
+    """The robot file's joints within their limits; the table of what was chosen."""
+    joints = ("j1", "j2", "j3", "j4")
+    limits = "\n".join(f"{joint} = [-60, 60]" for joint in joints)
+    speeds = "\n".join(f"{joint} = 60" for joint in joints)
+    cell = tmp_path / "cell.toml"
+    cell.write_text(
+        f'schema = 1\n[robot]\nmjcf = "{arm(tmp_path).name}"\nbase = "base"\ntip = "tip"\n'
+        f"[robot.limits_deg]\n{limits}\n[robot.speed_deg_s]\n{speeds}\n"
+        '[model]\neffects = ["coulomb_friction", "viscous_friction", "armature"]\n'
+    )
+    asked = ("design", cell, "--motions", 2, "--candidates", 10)
+    found, said = result(tmp_path / "motions.json", *asked, kind="design_motions")
+    assert [own["session"] for own in found["chosen"]] == ["motion1", "motion2"]
+    assert 0.5 < found["efficiency"] <= 1.0
+    assert "2 motions" in said
+    done = run(*asked, "--reapproach", "0")
+    assert done.exit_code == 2
+    assert "--reapproach" in done.output

@@ -17,10 +17,11 @@ from calib import Diagnosis, Measurements, effects, plugins
 from calib.arrays import Array
 from calib.diagnosis import error_curve
 from calib.diagnosis.candidates import EXCLUDED
-from calib.diagnosis.equivalence import classes, imitations
+from calib.diagnosis.equivalence import SAME, classes, imitations
 from calib.diagnosis.error_curve import ErrorCurve, frame_of
 from calib.effects.joint import DriveError
 from calib.effects.protocol import Unknown
+from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.poses import LAGS, Poses
@@ -121,6 +122,23 @@ def test_what_has_a_tuning_is_found_with_it(
     if keys[0] == effect:
         assert np.abs((cause.values - values)[1:] / cause.std[1:]).max() < 4.0
     assert (found.gap.heldout_after or 1.0) < (found.gap.heldout_before or 0.0)
+
+
+@pytest.mark.long
+def test_a_slow_warm_up_may_stand_in_the_place_of_a_drift() -> None:
+    """At its best tuning without the drift, not at what is left beside it."""
+    found = diagnosed("base_drift:base", (1.5e-8, 0.0, 4e-9, 0.0, 0.0, 4e-9), 0)
+    (entry,) = found.outcome.entries
+    slow = {
+        c.effect.kind: c.effect.tuning
+        for c, _ in entry.rivals
+        if c.echo and c.where == "base" and isinstance(c.effect, Tuned)
+    }
+    gains = {c.key: gain for c, gain in entry.rivals}
+    session = np.ptp(found.data.poses.time)
+    assert slow["warm_up"] > session
+    assert gains["warm_up:base as base_drift:base"] > entry.gain - SAME
+    assert "warm_up:base" in members(found)[0]
 
 
 @pytest.mark.long

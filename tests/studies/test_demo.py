@@ -18,7 +18,7 @@ from tests.studies.command_line import run
 
 def test_it_names_what_it_wrote_and_the_next_commands_run(demo_folder: Path) -> None:
     said = (demo_folder.parent / "said").read_text()
-    named = said[said.index("\nIn ") : said.index("Try next")]
+    named = said[said.index(" holds:") : said.index("Try next")]
     files = re.findall(r"\b[\w]+\.(?:toml|urdf|csv|json|html)\b", named)
     assert len(files) >= 9
     for name in files:

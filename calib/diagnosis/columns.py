@@ -65,6 +65,18 @@ class TuningGrid:
     poses: Poses
     forms: tuple[TunedForm, ...]
 
+    def with_tuning_of(self, other: Effect) -> TuningGrid:
+        """The same with the tuning of another cause that follows the clock alike, as it was fitted."""
+        first = self.forms[0]
+        if (
+            not isinstance(other, Tuned)
+            or type(other).functions is not type(first.effect).functions
+        ):
+            return self
+        tunings = np.append(first.tunings, other.tuning)
+        more = TunedForm(first.effect, tunings, first.effect.functions(self.poses, tunings))
+        return replace(self, forms=(more,))
+
     def scanned(self, carried: Carried) -> TuningGrid:
         """The same with a short list of tunings; of richer forms, those and their halves."""
         first = self.forms[0]
@@ -182,7 +194,7 @@ class CandidateSet:
         """
         for grid in self.grids:
             if isinstance(grid.candidate.effect, Timed) and not grid.candidate.is_like(member):
-                best, rows = self._best(grid, beside)
+                best, rows = self._best(grid.with_tuning_of(member.effect), beside)
                 yield replace(best, line=0, echo=member.key), rows
 
     def _best(self, grid: TuningGrid, beside: Complement) -> tuple[Candidate, Array]:

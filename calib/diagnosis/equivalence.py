@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.conditional import Conditional
-from calib.diagnosis.judged import CLOSE, JudgedCandidate, in_place_of
+from calib.diagnosis.judged import CLOSE, JudgedCandidate, alternatives
 from calib.diagnosis.regression import CandidateColumns
 from calib.diagnosis.search import Outcome, fitted
 from calib.diagnosis.stage import Fit, Stage
@@ -67,7 +67,7 @@ def imitations(outcome: Outcome, entry: JudgedCandidate) -> list[Imitation]:
 def _imitators(state: SelectionState, cause: Candidate) -> Iterator[CandidateColumns]:
     """Causes by name that may be another name for one that was selected."""
     active = {c.key for c in state.active}
-    for own in in_place_of(cause, state.candidates):
+    for own in alternatives(cause, state.candidates):
         c = own.candidate
         if not c.named or c.key in active:
             continue

@@ -49,7 +49,7 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
     choice = 2.0 * float(np.log(state.problem.candidates.asked))  # the same for all
     for member in state.members:
         beside, rest = state.without(member)
-        others = in_place_of(member.candidate, state.eligible(rest))
+        others = alternatives(member.candidate, state.eligible(rest))
         scores = state.scores(beside, [member.own, *others])
         near = [s for s in scores if s[0] > scores[0][0] - CLOSE]
         near = state.answered(beside, near, state.slope_without(member, beside))
@@ -61,7 +61,7 @@ def judged(state: SelectionState) -> Iterator[JudgedCandidate]:
         yield JudgedCandidate(member, gain, fall, min(1.0, p * member.candidate.tried), rivals)
 
 
-def in_place_of(cause: Candidate, among: Sequence[CandidateColumns]) -> list[CandidateColumns]:
+def alternatives(cause: Candidate, among: Sequence[CandidateColumns]) -> list[CandidateColumns]:
     """Candidates of another kind or place, each once: with the tuning that is best in its place."""
     tuned = [c for c in among if c.candidate.echo == cause.key]
     free = [c for c in among if not c.candidate.echo and not c.candidate.is_like(cause)]

@@ -29,7 +29,10 @@ from calib.motion.regressor import PER_LINK
 Standing = Literal["established", "likely", "one_of"]
 _OF_LINK = ("mass", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
-_SURE = 0.9
+_SURE, _EVEN = (
+    0.9,
+    0.5,
+)  # probability from which on a term is certain, and of one that no test confirms
 _REFUSED = 0.01  # of a rival, one of ten that are asked in the place of each term
 
 
@@ -102,6 +105,8 @@ def causes_of(
         here = robot.joints[j]
         odds = [1.0, *(weight for _, weight in rivals)]
         sure = (1.0 - min(1.0, own.p)) / sum(odds)
+        if not (chosen or own.stands()):
+            sure = min(sure, _EVEN)
         found.append(MotionCause(
             kind, here, own, sure,
             tuple((n, ARM if n == INERTIALS else here, weight * sure) for n, weight in rivals),

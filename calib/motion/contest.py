@@ -191,7 +191,7 @@ def contest(products: Products, model: MotionModel, question: Question) -> Conte
     A round after which left-out parts are predicted worse than after the one before does not count.
     """
     state = Contest.of(products, model)
-    best = None
+    last = None
     for _ in range(_ROUNDS):
         before = state.model
         for rung in question.rungs:
@@ -202,9 +202,9 @@ def contest(products: Products, model: MotionModel, question: Question) -> Conte
                 risen = _risen(late, question, rung) if _as_good(late, risen) else risen
             state = risen
         state = _reduced(state, question)
-        if best is not None and _over(state, state, best).helps:
-            return best
-        best = state
+        if last is not None and _over(state, state, last).helps:
+            return last
+        last = state
         if state.model == before:
             break
     return state

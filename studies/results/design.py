@@ -191,7 +191,7 @@ def _levels(found: Design, levels: list[float]) -> dict[str, Any]:
 
 
 def name_of(index: int) -> str:
-    """Of the session of a motion, counted from zero."""
+    """Name of the session of a motion; index : from zero."""
     return f"motion{index + 1}"
 
 

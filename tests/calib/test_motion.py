@@ -325,3 +325,5 @@ def test_two_short_runs_are_judged_by_stretches(tmp_path: Path, data: Path) -> N
     assert all(own.evidence.stands() for own in apart.causes)
     assert apart.possible
     assert not any(own.evidence.stands() for own in apart.possible)
+    assert all(own.probability <= 0.5 for own in apart.possible)
+    assert not any(own.standing == "established" for own in apart.possible)

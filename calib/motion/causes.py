@@ -29,10 +29,8 @@ from calib.motion.regressor import PER_LINK
 Standing = Literal["established", "likely", "one_of"]
 _OF_LINK = ("mass", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
-_SURE, _EVEN = (
-    0.9,
-    0.5,
-)  # probability from which on a term is certain, and of one that no test confirms
+_SURE = 0.9  # probability from which on a term is taken for certain
+_EVEN = 0.5  # at most, of one that no test confirms
 _REFUSED = 0.01  # of a rival, one of ten that are asked in the place of each term
 
 

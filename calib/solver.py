@@ -125,13 +125,18 @@ def _eased(cost: Array, reached: Array, promised: Array) -> Array:
 
 
 def levenberg_marquardt(
-    linearise: Linearise, start: Array, span: Array, max_iterations: int = _MAX_ITERATIONS
+    linearise: Linearise,
+    start: Array,
+    span: Array,
+    max_iterations: int = _MAX_ITERATIONS,
+    first_damping: float = _DAMPING[0],
 ) -> Minimum:
     """Minimise ``|r(values)|^2`` from ``start`` in the directions of ``span``.
 
     linearise : r are residuals measured minus predicted, J the derivative of the prediction
     start : ndarray, shape (..., p)
     span : ndarray, shape (p, k), directions in which values may move
+    first_damping : float, of the first step, relative to the diagonal
     """
     values = np.array(start, dtype=float)
     batch = values.shape[:-1]
@@ -146,7 +151,7 @@ def levenberg_marquardt(
         return normal_equations(r, J if everything else J @ span)
 
     cost, g, A = equations(values)
-    damping, growth = np.full(batch, _DAMPING[0]), np.full(batch, _GROWTH)
+    damping, growth = np.full(batch, first_damping), np.full(batch, _GROWTH)
     converged, stalled, iterations = np.zeros(batch, dtype=bool), ~np.isfinite(cost), 0
     while iterations < max_iterations and not (converged | stalled).all():
         iterations += 1

@@ -23,11 +23,13 @@ from calib.model import Model
 from calib.observations import Points
 from calib.poses import Measurements
 from calib.scatter import Scatter, Variances, scatter_of
-from calib.solver import levenberg_marquardt
+from calib.solver import Minimum, levenberg_marquardt
 
 _ABSURD = 1e9  # times a plausible size
-_ITERATIONS = 12, 100  # at least and at most
-_WORK = 3e7  # rows times values times iterations: of large tables as many as a few seconds allow
+_ITERATIONS = 8, 100  # at least and at most
+_WORK = 1e7  # rows times values times iterations: of large tables as many as a few seconds allow
+_UNDAMPED = 1e-7  # first step of a fit
+_DAMPED = 1e-3  # of one with tunings: many at once go too far by a whole step
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +176,7 @@ class Stage:
         values : ndarray, shape (p,), of the user's parameters, from which to go on; the start without
         amplitudes : dict, block -> size of its coefficients a priori; one by default
         variances : Variances, under which the fit stands; those of the instrument as stated by default
+        Where a tuning runs away all stay as they are.
 
         Raises Unsolvable where the values found are no arm's.
         """
@@ -182,17 +185,18 @@ class Stage:
         observation = replace(self.observation(model), prior=prior_rows(model, sizes))
         observation = self._under(observation, variances)
         span, free = determined_by(observation, values), np.setdiff1d(model.tunings, model.still)
+        found = None
         if len(free):
             # Only once there is an amount do the readings tell of a tuning.
             values = levenberg_marquardt(observation.flat, values, span, 1).values
-            span = _with_tunings(observation, values, span, free)
-        rows = int(self.data.seen.sum()) * self.data.readings.shape[-1]
-        most = int(np.clip(_WORK / (rows * len(values)), *_ITERATIONS))
-        found = levenberg_marquardt(observation.flat, values, span, most)
-        r, J = observation.linearise(found.values)
-        small = np.abs(found.values) <= _ABSURD * model.sizes
-        if not (small.all() and np.isfinite(r).all() and np.isfinite(J).all()):
+            whole = _with_tunings(observation, values, span, free)
+            if (found := _lowest(observation, values, whole, _DAMPED)) is not None:
+                span = whole
+        if found is None:  # there is no tuning, or one ran away
+            found = _lowest(observation, values, span)
+        if found is None:
             raise Unsolvable
+        r, J = observation.linearise(found.values)
         # A payload moves nothing where nothing that was found is elastic.
         moving = (J @ span).any(axis=tuple(range(J.ndim - 1)))
         return Fit(
@@ -238,6 +242,18 @@ class Stage:
         statistic = statistic / extrapolation_factor(self.data.poses, linear, kept, statistic)
         limit = threshold(statistic, math.prod(self.weights.shape[-3:-1]))
         return judge(statistic, limit), statistic, limit
+
+
+def _lowest(
+    observation: Points, values: Array, span: Array, damping: float = _UNDAMPED
+) -> Minimum | None:
+    """The least squares from values (p,) along a span (p, k); None where no arm has such values."""
+    rows = int(observation.data.seen.sum()) * observation.data.readings.shape[-1]
+    most = int(np.clip(_WORK / (rows * len(values)), *_ITERATIONS))
+    found = levenberg_marquardt(observation.flat, values, span, most, damping)
+    parts = observation.linearise(found.values)
+    small = np.abs(found.values) <= _ABSURD * observation.model.sizes
+    return found if small.all() and all(np.isfinite(part).all() for part in parts) else None
 
 
 def determined_by(observation: Points, start: Array) -> Array:

@@ -25,7 +25,7 @@ from calib.identification.variances import as_variances
 from calib.inference.restricted import RestrictedLikelihood
 from calib.scatter import Variances
 
-_MOST_CURVES = 4  # of which more than one seldom means a thing to anybody
+_MOST_CURVES = 8  # without a limit a large table takes twice as long, and predicts hardly better
 CURVE_PRICE = float(2.0 * np.log(100.0))
 """What a curve must explain beyond a named cause, in -2 log likelihood: odds of a hundred to one."""
 _CURVES_KEPT = 24  # that are looked at again before the next scan

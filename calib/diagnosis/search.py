@@ -104,7 +104,7 @@ def search(stage: Stage, suspects: Sequence[Candidate], waiting: Mask) -> Search
         active = [c.as_tuned(float(fit.values[fit.positions(c.effect)[0]])) for c in outcome.active]
         del asked, outcome  # the largest arrays of all
         asked = candidate_set(stage, fit, suspects, grids)
-        outcome = selected(stage, asked, active, thorough=not again)
+        outcome = selected(stage, asked, active)
     return Search(stage, outcome, factor, statistic, limit)
 
 

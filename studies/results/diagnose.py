@@ -39,6 +39,8 @@ from studies.results.expected import ExpectedErrors
 from studies.results.noise import Noise
 from studies.results.parts import Conditions
 
+_MINOR = 0.005  # of the error
+
 
 class LikelyCause(Cause):
     """A cause that may be it."""
@@ -121,6 +123,11 @@ class FoundCause(NamedCause):
     def one_of(self) -> bool:
         """Whether these data do not tell it from others."""
         return self.standing == "one_of"
+
+    @property
+    def minor(self) -> bool:
+        """Whether it explains next to nothing of the error: other poses may show another name."""
+        return self.share_of_gap is not None and self.share_of_gap < _MINOR
 
     @property
     def names(self) -> str:
@@ -416,6 +423,12 @@ class DiagnoseResult(Result):
         return [f"{kind} ({n} places)" if n > 1 else kind for kind, n in counts]
 
     @property
+    def main(self) -> list[FoundCause]:
+        """The causes that are named first; all where those that explain something are not sure."""
+        large = [cause for cause in self.effects if not cause.minor]
+        return large if any(c.standing != "likely" for c in large) else list(self.effects)
+
+    @property
     def form_alone(self) -> bool:
         """Whether nothing of size remains, though a cause may act by another formula."""
         return bool(self.effects) and self.rest.kind == "structure" and not self.rest.mm
@@ -423,7 +436,7 @@ class DiagnoseResult(Result):
     @property
     def rivals(self) -> list[str]:
         """Two causes that the data cannot tell apart and a choice of poses may, ``effect:where``."""
-        for effect in self.effects:
+        for effect in self.main:
             joints = [entry.key for entry in effect.alike if not catalogue()[entry.effect].uses]
             if effect.one_of and len(joints) > 1:
                 return joints[:2]

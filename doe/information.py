@@ -19,11 +19,11 @@ from calib.arrays import Array, IntArray, Mask, in_parts, stacked
 from calib.cell import Cell
 from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import at_points_read, at_tip, working_points
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Scatter, Variances, scatter_of
 from calib.poses import Measurements, Poses, poses_at
-from calib.scatter import Scatter, Variances, scatter_of
 
 _SOFTEST_M = 1e-3  # what an assumed compliance moves the markers by at most
 

@@ -20,9 +20,9 @@ from calib.effects.protocol import Effect
 from calib.effects.timed import Timed
 from calib.effects.tuned import Tuned
 from calib.identification.scan import Carried, carried, falls, times
-from calib.linear import Complement
 from calib.model import Model
 from calib.observations import Points
+from calib.observations.linear import Complement
 from calib.poses import Poses
 
 _LISTED = 6  # best tunings of the first form at which richer ones are tried

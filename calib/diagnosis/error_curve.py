@@ -30,8 +30,8 @@ from calib.effects.protocol import (
     displaced,
 )
 from calib.identification.scan import times
-from calib.linear import LinearProblem
 from calib.model import Model
+from calib.observations.linear import LinearProblem
 from calib.poses import Poses
 from calib.solver import least_squares
 

@@ -12,7 +12,7 @@ from calib.diagnosis.candidates import Candidate
 from calib.diagnosis.search import Outcome
 from calib.diagnosis.stage import Fit
 from calib.diagnosis.state import with_curves
-from calib.linear import orthonormal
+from calib.observations.linear import orthonormal
 from calib.poses import Measurements, Poses
 
 _DRAWS = 2000

@@ -27,7 +27,7 @@ from calib.inference import Design, Prior
 from calib.inference.evidence import cholesky_of
 from calib.inference.reml import VarianceProblem
 from calib.inference.restricted import MixedModel
-from calib.linear import LinearProblem, orthonormal
+from calib.observations.linear import LinearProblem, orthonormal
 
 _AMPLITUDES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])
 _CURVE_AMPLITUDES = np.array([0.01, 0.1, 1.0, 3.0, 10.0])

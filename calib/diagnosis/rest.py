@@ -20,8 +20,8 @@ from calib.diagnosis.finding import Finding
 from calib.diagnosis.gap import beyond_noise
 from calib.diagnosis.stage import Fit, Stage
 from calib.identification.noise import NoiseLevel
+from calib.observations.scatter import Owner
 from calib.poses import Measurements
-from calib.scatter import Owner
 
 Kind = Literal["none", "scatter", "structure", "too_large"]
 Source = Literal["stated", "measured", "assumed"]

@@ -25,7 +25,7 @@ from calib.effects.joint import along_axis
 from calib.effects.protocol import Effect
 from calib.identification.noise import refuted
 from calib.inference.evidence import f_tail, score_test, weighted_test
-from calib.linear import Complement, orthonormal
+from calib.observations.linear import Complement, orthonormal
 from calib.poses import Measurements, Poses
 
 _STILL = 1e-6  # scatter, over size, of what does not vary

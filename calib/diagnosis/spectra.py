@@ -25,7 +25,7 @@ from calib.diagnosis.stage import Fit, Stage
 from calib.effects.joint import along_axis
 from calib.effects.ripple import FEWEST, GearRipple
 from calib.identification.scan import carried, falls, times
-from calib.linear import Complement, unit
+from calib.observations.linear import Complement, unit
 from calib.poses import Poses
 from calib.threads import one_blas_thread
 

@@ -18,11 +18,11 @@ from calib.identification.fit import choose_directions
 from calib.identification.outliers import extrapolation_factor, judge, pose_statistics, threshold
 from calib.identification.variances import VarianceEstimate, variance_components
 from calib.inference.decorrelation import InverseRoot
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.observations import Points
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Scatter, Variances, scatter_of
 from calib.poses import Measurements
-from calib.scatter import Scatter, Variances, scatter_of
 from calib.solver import Minimum, levenberg_marquardt
 
 _ABSURD = 1e9  # times a plausible size

@@ -23,7 +23,7 @@ from calib.effects.protocol import Effect, ElasticEffect, LoadEffect
 from calib.effects.tuned import Tuned
 from calib.identification.variances import as_variances
 from calib.inference.restricted import RestrictedLikelihood
-from calib.scatter import Variances
+from calib.observations.scatter import Variances
 
 _MOST_CURVES = 8  # without a limit a large table takes twice as long, and predicts hardly better
 CURVE_PRICE = float(2.0 * np.log(100.0))

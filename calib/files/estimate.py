@@ -18,10 +18,10 @@ from calib.errors import CalibError, InputError
 from calib.files.read import read_text, sha256
 from calib.model import Model
 from calib.model.build import context_of, model_of, place_effect
+from calib.observations.scatter import Owner, Variances
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
 from calib.prediction.unmeasured import Unmeasured, unmeasured_context
-from calib.scatter import Owner, Variances
 
 _LARGEST_FILE = 200_000_000  # bytes; residuals of every point stand in it
 _LARGEST_VALUE = 1e12  # SI, as in tables: times may count from 1970

@@ -18,12 +18,12 @@ from calib.identification.fit import Fit, Method, of_poses, search
 from calib.identification.noise import NoiseLevel, noise_level, noise_scales, of_levels
 from calib.identification.variances import VarianceEstimate, variance_components
 from calib.inference.widths import Elementary, SizePrior, Widths, widths_of
-from calib.linear import LinearProblem, orthonormal
 from calib.model import Model
 from calib.model.covariance import Identifiable
 from calib.observations import Observation, Points, points_of
+from calib.observations.linear import LinearProblem, orthonormal
+from calib.observations.scatter import Scatter, Variances, scatter_of
 from calib.result import fields_of
-from calib.scatter import Scatter, Variances, scatter_of
 from calib.solver import condensed
 
 _ROUNDS = 4  # of fit and noise scales, or of fit and widths, in turn

@@ -17,10 +17,10 @@ from calib.effects.protocol import ElasticEffect, LoadEffect
 from calib.effects.tool_base import Base, Tool
 from calib.identification.outliers import Judgement, judged
 from calib.identification.start import diverged
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import Identifiable, Unidentifiable, identifiable
 from calib.observations import Observation, points_of
+from calib.observations.linear import LinearProblem
 from calib.solver import Linearise, Minimum, condensed, levenberg_marquardt, normal_equations
 
 _ROUNDS = 12  # times that outliers are judged anew

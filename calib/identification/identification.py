@@ -23,10 +23,10 @@ from calib.inference.coverage import LEVEL, coverage_factor, effective_freedom, 
 from calib.model.covariance import Unidentifiable, correlation
 from calib.model.reduction import Dropped
 from calib.observations import Approach
+from calib.observations.scatter import Scatter
 from calib.poses import Poses
 from calib.poses.moves import visits
 from calib.result import Result
-from calib.scatter import Scatter
 
 Status = Literal["converged", "not_converged", "rank_deficient"]
 

@@ -32,10 +32,10 @@ from calib.observations import (
     points_of,
     with_measured_shape,
 )
+from calib.observations.scatter import Variances, scatter_of
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import fields_of
-from calib.scatter import Variances, scatter_of
 from calib.solver import levenberg_marquardt
 from calib.threads import one_blas_thread
 

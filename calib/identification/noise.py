@@ -19,9 +19,9 @@ from calib.inference import Design, Marginal, Prior, RandomEffect
 from calib.model.readout import Readout
 from calib.noise import counted
 from calib.observations import Points
+from calib.observations.scatter import Scatter
 from calib.poses import Measurements
 from calib.poses.moves import visits
-from calib.scatter import Scatter
 
 _DISAGREE = 0.01  # p value at which two estimates of the noise are taken to differ
 _REPLICATES = 10  # degrees of freedom of an estimate worth using

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import Array, Mask, in_parts, stacked
-from calib.linear import LinearProblem
 from calib.model.covariance import covariance
+from calib.observations.linear import LinearProblem
 from calib.poses import Measurements, Poses
 from calib.solver import condensed
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, by_size
 from calib.inference.evidence import score_test
-from calib.linear import Complement
+from calib.observations.linear import Complement
 
 _AT_ONCE = 400  # tunings: memory
 

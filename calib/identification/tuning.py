@@ -16,8 +16,8 @@ from calib.effects.tuned import Tuned
 from calib.identification.fit import choose_directions
 from calib.identification.scan import carried, falls, times
 from calib.identification.start import diverged
-from calib.linear import LinearProblem, unit
 from calib.observations import Points
+from calib.observations.linear import LinearProblem, unit
 from calib.poses import Poses
 from calib.solver import levenberg_marquardt
 

@@ -1,8 +1,8 @@
 """Variances that the readings show: of the instrument, of the arm at approaches and configurations.
 
-Every joint, and the tip, has a variance by approaches and by configurations (:mod:`calib.scatter`).
-None enters or leaves alone: restricted likelihood estimates all together, and data sheets say how large
-they are where the readings do not (:mod:`calib.inference.reml`).
+Every joint, and the tip, has a variance by approaches and by configurations
+(:mod:`calib.observations.scatter`). None enters or leaves alone: restricted likelihood estimates all
+together (:mod:`calib.inference.reml`), and data sheets say how large they are where the readings do not.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray
 from calib.cell import Repeatability
 from calib.inference import Design, GaussianBlock, Marginal, Prior, RandomEffect
-from calib.linear import LinearProblem
-from calib.scatter import Scatter, Variances
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Scatter, Variances
 
 LEAST_INSTRUMENT = 0.2**2
 """Variance of an instrument in the maker's: nobody's is five times better than stated."""
@@ -84,7 +84,8 @@ class VarianceEstimate:
 class ArmEffect(RandomEffect):
     """Scatter of a joint, or of the tip, whose variance is number ``part`` of its level.
 
-    part : int, as in :class:`~calib.scatter.Variances`: joints first, then translation and rotation
+    part : int, as in :class:`~calib.observations.scatter.Variances`: joints first, then translation and
+        rotation
     """
 
     level: ScatterLevel

@@ -1,7 +1,8 @@
 """Residuals and their derivatives under the paper's two approaches, weighted by the noise.
 
 ``points`` (approach #2) compares marker coordinates; ``pose`` (approach #1) first condenses the markers
-of a reading to position and orientation of the tip frame.
+of a reading to position and orientation of the tip frame. Both are a linear problem about a fit
+(:mod:`~calib.observations.linear`), whose rows may err together (:mod:`~calib.observations.scatter`).
 """
 
 from typing import Literal

@@ -12,11 +12,11 @@ import numpy as np
 
 from calib.arrays import Array, IntArray, Mask
 from calib.inference.decorrelation import InverseRoot
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.noise import counted
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Scatter
 from calib.poses import Measurements
-from calib.scatter import Scatter
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ import numpy as np
 from calib.arm.se3 import fit_rigid, rotate, so3_exp, so3_log, transform, transformed
 from calib.arrays import Array, Mask
 from calib.effects.tool_base import Tool
-from calib.linear import LinearProblem
+from calib.observations.linear import LinearProblem
 from calib.observations.points import Observation, Points, points_of
 from calib.observations.shape import (
     free_components,

@@ -14,13 +14,13 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask, stacked
 from calib.identification.noise import refuted
 from calib.inference.leave_out import LeftOut, leave_groups_out
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import half
 from calib.noise import counted, unwhitened
 from calib.observations import Points
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Scatter, Variances, scatter_of, scatter_variance
 from calib.poses import Measurements
-from calib.scatter import Scatter, Variances, scatter_of, scatter_variance
 
 _NOTHING = 1e-30  # m^2: an error that rounding makes
 _FREE = 1e-4  # of a row's freedom: less, and nothing but its own configuration tells of it

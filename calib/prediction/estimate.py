@@ -15,11 +15,11 @@ from calib.identification.identification import Identification
 from calib.identification.noise import refuted
 from calib.model import Model
 from calib.model.covariance import errors_at, ignorance, working_points
+from calib.observations.scatter import Owner, Variances, parted, pose_to_pose, scatter_variance
 from calib.poses import Poses
 from calib.prediction.discrepancy import FittedModel, ModelDiscrepancy, model_discrepancy
 from calib.prediction.trend import trend_of
 from calib.prediction.unmeasured import Unmeasured, unmeasured
-from calib.scatter import Owner, Variances, parted, pose_to_pose, scatter_variance
 
 _LEAST = 1e-6  # m: what adds less is not said
 

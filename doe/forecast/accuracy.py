@@ -14,13 +14,13 @@ from calib.arrays import Array, stacked
 from calib.cell.targets import targets_of
 from calib.identification import Identification
 from calib.inference.coverage import freedom
-from calib.linear import LinearProblem
 from calib.model import Model
 from calib.model.covariance import identifiable, ignorance, task_error
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Owner
 from calib.poses.moves import in_order
 from calib.prediction.discrepancy import ModelDiscrepancy, SquaredErrors
 from calib.prediction.estimate import Estimate, ExpectedError, estimate_of, fitted_of
-from calib.scatter import Owner
 from calib.solver import triangle
 from doe.criteria.trace import Task
 from doe.information import Linearisation, target_rows

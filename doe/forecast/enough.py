@@ -15,9 +15,9 @@ from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise import believed_sigma
 from calib.model import Model
 from calib.model.build import build, refuse_idle_effects
+from calib.observations.scatter import Variances
 from calib.poses import Measurements, Poses, poses_at
 from calib.result import Result
-from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.candidates import candidates_of
 from doe.constraints import constraints_of

@@ -26,15 +26,15 @@ from calib.effects.tuned import Tuned, amid
 from calib.identification.checks import check_counts
 from calib.identification.fit import choose_directions
 from calib.inference.evidence import VISIBLE, visible_directions
-from calib.linear import orthonormal
 from calib.model import Model
 from calib.model.build import build
 from calib.model.covariance import Unidentifiable
 from calib.observations import Points
+from calib.observations.linear import orthonormal
+from calib.observations.scatter import Variances
 from calib.poses import Measurements, Poses
 from calib.poses.moves import before_the_first_move
 from calib.result import Result
-from calib.scatter import Variances
 from calib.threads import one_blas_thread
 from doe.forecast.coming import readings_of
 from doe.information import Linearisation, soft

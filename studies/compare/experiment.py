@@ -34,9 +34,9 @@ from calib.observations import (
     orientable,
     with_measured_shape,
 )
+from calib.observations.scatter import Scatter, Variances, scatter_of
 from calib.poses import Measurements, Poses
 from calib.poses.moves import visits
-from calib.scatter import Scatter, Variances, scatter_of
 from calib.simulation import approached, draw, whitening
 from doe.constraints import scene_of, visible
 from doe.request import refuse_unplaced

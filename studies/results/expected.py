@@ -13,10 +13,10 @@ from calib.arrays import Array
 from calib.cell.targets import targets_of
 from calib.inference.coverage import LEVEL
 from calib.model.covariance import task_error
+from calib.observations.scatter import Variances
 from calib.prediction.budget import Budget, UncertaintySource, combined
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate, ExpectedError
-from calib.scatter import Variances
 from studies.results.base import MM, Entry, Maybe, NotNegative, Positive
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from calib.cell import Repeatability
 from calib.identification.noise import NoiseLevel
 from calib.identification.variances import VarianceEstimate
 from calib.model import Model
-from calib.scatter import Scatter, pose_to_pose
+from calib.observations.scatter import Scatter, pose_to_pose
 from studies.results.base import (
     MICRO,
     MM,
@@ -37,7 +37,7 @@ class Noise(Entry):
     again at the same joints; None where the data cannot tell. Without repeated approaches and without a
     figure in the cell, ``configuration`` holds both.
 
-    configuration_of : whose it is (:mod:`calib.scatter`); None where it was not judged
+    configuration_of : whose it is (:mod:`calib.observations.scatter`); None where it was not judged
     usual_mm : best and worst repeatability that data sheets state of arms of this size
     pixel_mm : of a pixel at the points read, where no reading is a length
     noise_scales : of several instruments those whose noise is other than the cell states

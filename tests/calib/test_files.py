@@ -23,9 +23,9 @@ from calib.errors import InputError
 from calib.files.estimate import load_estimate
 from calib.files.write import write_files
 from calib.model.build import build
+from calib.observations.scatter import Variances
 from calib.prediction.discrepancy import ModelDiscrepancy
 from calib.prediction.estimate import Estimate
-from calib.scatter import Variances
 from studies.results.estimate import Estimated
 from tests.day import FileDay, file_day
 

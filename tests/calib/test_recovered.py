@@ -23,10 +23,10 @@ from calib.identification.scan import carried, falls, times
 from calib.inference.evidence import score_test
 from calib.model.build import build, context_of, place_effect
 from calib.noise import Noise
+from calib.observations.scatter import Variances
 from calib.poses import Poses, hung, poses_at
 from calib.poses.moves import with_moves
 from calib.prediction.estimate import estimate_of
-from calib.scatter import Variances
 from calib.simulation import drawn_readings
 from studies.results.estimate import Estimated
 from tests.day import day

@@ -16,8 +16,8 @@ from calib.files.cell import load_cell
 from calib.instruments import ArmCamera
 from calib.model import Model
 from calib.model.build import build
+from calib.observations.scatter import Variances, scatter_of
 from calib.poses import Poses, poses_at
-from calib.scatter import Variances, scatter_of
 from doe.candidates import drawn
 from doe.constraints import scene_of, visible
 from tests.helpers import all_seen

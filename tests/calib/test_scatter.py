@@ -17,13 +17,13 @@ from calib.cell import Repeatability
 from calib.identification.drift import drift_p
 from calib.identification.variances import variance_components
 from calib.instruments import TRACKER
-from calib.linear import LinearProblem
 from calib.model import Model
+from calib.observations.linear import LinearProblem
+from calib.observations.scatter import Scatter, Variances, parted, pose_to_pose, scatter_of
 from calib.poses import Measurements, Poses, poses_at
 from calib.poses.moves import with_moves
 from calib.prediction.budget import budget_of
 from calib.prediction.estimate import estimate_of
-from calib.scatter import Scatter, Variances, parted, pose_to_pose, scatter_of
 from tests.day import day, read_of
 from tests.helpers import all_seen, cell_of, random_robot
 

@@ -31,7 +31,7 @@ from calib.inference import Design, GaussianBlock, RandomEffect
 from calib.inference.restricted import RestrictedLikelihood
 from calib.instruments import KnownDistance, Socket
 from calib.model.build import build
-from calib.scatter import Variances
+from calib.observations.scatter import Variances
 from tests.day import SMALL, day, diagnosed, name_chance, name_weights
 from tests.helpers import cell_of, random_robot, stage_of
 from tests.touched_arm import MARKERS, SITES, contacts_of_a_larger_arm, length

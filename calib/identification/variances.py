@@ -2,7 +2,7 @@
 
 Every joint, and the tip, has a variance by approaches and by configurations
 (:mod:`calib.observations.scatter`). None enters or leaves alone: restricted likelihood estimates all
-together (:mod:`calib.inference.reml`), and data sheets say how large they are where the readings do not.
+together (:mod:`calib.inference.reml`), and data sheets give their sizes where the readings do not.
 """
 
 from __future__ import annotations

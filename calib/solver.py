@@ -16,7 +16,9 @@ from calib.arrays import Array, Mask
 Linearise = Callable[[Array], tuple[Array, Array]]
 """values (..., p) -> residuals (..., N) and their derivatives (..., N, p)."""
 
-_DAMPING = (1e-7, 1e-12, 1e12)  # start, smallest, largest; relative to the diagonal
+FIRST_DAMPING = 1e-7
+"""Damping of the first step, relative to the diagonal."""
+_DAMPING = (1e-12, 1e12)  # smallest, largest
 _GROWTH = 2.0  # of the damping after a step that fails, and of this factor after each further one
 _EASED = 0.1  # smallest factor of the damping after a step that helps
 _LIGHT = 1e-3  # damping up to which a short step means a minimum
@@ -109,8 +111,8 @@ def inverse_factor(V: Array) -> Array:
 def least_squares(r: Array, J: Array) -> Array:
     """Values (k,) that minimise ``|r - J v|^2``, r (N,), J (N, k); twice, for squares lose digits."""
     _, g, A = normal_equations(r, J)
-    values = damped_step(A, g, np.array(_DAMPING[1]))
-    return values + damped_step(A, J.T @ (r - J @ values), np.array(_DAMPING[1]))
+    values = damped_step(A, g, np.array(_DAMPING[0]))
+    return values + damped_step(A, J.T @ (r - J @ values), np.array(_DAMPING[0]))
 
 
 def _eased(cost: Array, reached: Array, promised: Array) -> Array:
@@ -129,7 +131,7 @@ def levenberg_marquardt(
     start: Array,
     span: Array,
     max_iterations: int = _MAX_ITERATIONS,
-    first_damping: float = _DAMPING[0],
+    first_damping: float = FIRST_DAMPING,
 ) -> Minimum:
     """Minimise ``|r(values)|^2`` from ``start`` in the directions of ``span``.
 
@@ -168,12 +170,12 @@ def levenberg_marquardt(
         promised = expected + damping * np.einsum("...ii,...i,...i->...", A, step, step)
         lost = (promised <= _ROUNDING * cost) & (trial_cost >= cost)
         factor = np.where(take, _eased(cost, trial_cost, promised), growth)
-        damping = np.clip(damping * factor, *_DAMPING[1:])
+        damping = np.clip(damping * factor, *_DAMPING)
         growth = np.where(take, _GROWTH, _GROWTH * growth)
         values, g = (np.where(take[..., None], a, b) for a, b in ((trial, values), (trial_g, g)))
         cost, A = np.where(take, trial_cost, cost), np.where(take[..., None, None], trial_A, A)
         converged = converged | small
         # No step helps, for the derivative is wrong here, or nothing can be computed beyond.
         wall = ~np.isfinite(trial_cost) & (damping >= _WALL)
-        stalled = stalled | lost | wall | (damping >= _DAMPING[2])
+        stalled = stalled | lost | wall | (damping >= _DAMPING[1])
     return Minimum(values, cost, converged, iterations)

@@ -23,13 +23,12 @@ from calib.observations import Points
 from calib.observations.linear import LinearProblem
 from calib.observations.scatter import Scatter, Variances, scatter_of
 from calib.poses import Measurements
-from calib.solver import Minimum, levenberg_marquardt
+from calib.solver import FIRST_DAMPING, Minimum, levenberg_marquardt
 
 _ABSURD = 1e9  # times a plausible size
 _ITERATIONS = 8, 100  # at least and at most
 _WORK = 1e7  # rows times values times iterations: of large tables as many as a few seconds allow
-_UNDAMPED = 1e-7  # first step of a fit
-_DAMPED = 1e-3  # of one with tunings: many at once go too far by a whole step
+_DAMPED = 1e-3  # first step of a fit with tunings: many at once go too far by a whole one
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +244,7 @@ class Stage:
 
 
 def _lowest(
-    observation: Points, values: Array, span: Array, damping: float = _UNDAMPED
+    observation: Points, values: Array, span: Array, damping: float = FIRST_DAMPING
 ) -> Minimum | None:
     """The least squares from values (p,) along a span (p, k); None where no arm has such values."""
     rows = int(observation.data.seen.sum()) * observation.data.readings.shape[-1]

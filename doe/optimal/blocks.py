@@ -7,6 +7,7 @@ parameters are then one array of 45 columns, and pricing them is one product.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -122,16 +123,11 @@ def trace_decrease(cov: Array, G: Array, rows: Array) -> Array:
     ``W C``; rows : ndarray, shape (n, r, p), A of each
     """
     S, N = _turned((cov, G), rows)
-    S = np.eye(len(S))[..., None] + S
     total = np.zeros(S.shape[2])
-    # Elimination of one unknown after another: for many small matrices, ten times as fast as LAPACK.
-    for least in np.maximum(_ROUNDING * np.abs(np.einsum("rrn->rn", S)), 1.0):
-        pivot = np.maximum(np.abs(S[0, 0]), least)  # no less but for rounding
+    for pivot, out in _eliminated(S):
         total += N[0, 0] / pivot
-        out = S[1:, 0] / pivot
         half = N[1:, 0] - 0.5 * N[0, 0] * out
         N = N[1:, 1:] - out[:, None] * half - half[:, None] * out
-        S = S[1:, 1:] - out[:, None] * S[0, 1:]
     return total
 
 
@@ -141,7 +137,20 @@ def logdet_increase(cov: Array, rows: Array) -> Array:
     cov : ndarray, shape (p, p), without them; rows : ndarray, shape (n, r, p), of each
     """
     (S,) = _turned((cov,), rows)
-    return np.asarray(np.linalg.slogdet(np.eye(len(S)) + np.moveaxis(S, 2, 0))[1])
+    return np.asarray(np.log(np.prod([pivot for pivot, _ in _eliminated(S)], axis=0)))
+
+
+def _eliminated(S: Array) -> Iterator[tuple[Array, Array]]:
+    """Pivots and multipliers of ``I + S`` of each pose, one unknown after another.
+
+    For many small matrices, ten times as fast as LAPACK.
+    """
+    S = np.eye(len(S))[..., None] + S
+    for least in np.maximum(_ROUNDING * np.abs(np.einsum("rrn->rn", S)), 1.0):
+        pivot = np.maximum(np.abs(S[0, 0]), least)  # no less but for rounding
+        out = S[1:, 0] / pivot
+        yield pivot, out
+        S = S[1:, 1:] - out[:, None] * S[0, 1:]
 
 
 def _turned(forms: tuple[Array, ...], rows: Array) -> Array:

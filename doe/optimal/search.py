@@ -23,7 +23,7 @@ from doe.optimal.relax import Relaxation
 
 _CHEAP = 15_000  # poses of a plan times entries of a matrix: exchanges take no time
 _JUDGED, _DOUBTED = 3, 24  # judged exactly in place of a pose, where their rank is exact or not
-_RANKED = 100  # candidates of the largest price, or a quarter of all, that are ranked where it does
+_RANKED = 100  # candidates of the largest price that are ranked where it does
 _PROMISING = 200  # candidates of a level that is tried in place of another
 _NEARLY = 0.9999  # of a pose is taken away: the rest alone may be singular
 _ROUNDING = 1e-7  # relative gain below which an exchange is none
@@ -208,9 +208,8 @@ def _likely(
     judged = _JUDGED if criterion.smooth else _DOUBTED
     if len(live) <= judged:
         return live
-    ranked = max(_RANKED, len(here) // 4)
-    if len(plan) * cov.size > _CHEAP and len(live) > ranked:
-        live = live[np.argpartition(-prices[live], ranked)[:ranked]]
+    if len(plan) * cov.size > _CHEAP and len(live) > _RANKED:
+        live = live[np.argpartition(-prices[live], _RANKED)[:_RANKED]]
     gain = criterion.gain(downdated(cov, rows[plan[slot]], _NEARLY), rows[live])
     best: IntArray = live[np.argpartition(-gain, judged)[:judged]]
     return best

@@ -35,8 +35,8 @@ _MOST_TURNS = 100.0
 _ALIKE = 0.8  # of names that may be meant for each other
 
 
-class JointColumn(NamedTuple):
-    """The column that gives a joint, and its unit in SI."""
+class Column(NamedTuple):
+    """A column of numbers, and its unit in SI."""
 
     name: str
     scale: float
@@ -49,9 +49,9 @@ def titles(name: str, units: Mapping[str, float]) -> dict[str, float]:
 
 def column_of(
     path: Path, columns: Sequence[str], name: str, units: Mapping[str, float], whose: str
-) -> str | None:
+) -> Column | None:
     """The column of a number; None where there is none. Raises InputError for no unit, and for two."""
-    present = [title for title in titles(name, units) if title in columns]
+    present = [Column(*own) for own in titles(name, units).items() if own[0] in columns]
     if len(present) > 1:
         raise InputError(path, "line 1", f"{whose} stands in two units", "keep one")
     if not present and name in columns:
@@ -65,18 +65,16 @@ def units_of(slides: bool) -> dict[str, float]:
     return LENGTHS if slides else ANGLES
 
 
-def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[JointColumn | None]:
+def joint_columns(path: Path, robot: Robot, columns: tuple[str, ...]) -> list[Column | None]:
     """Where each joint is given. Raises InputError where a column is missing or has no unit.
 
     A joint that others move may have a column; None where it has none, as they give it.
     """
-    given: list[JointColumn | None] = []
+    given: list[Column | None] = []
     for name, slides in zip(robot.joints, robot.prismatic.tolist(), strict=True):
-        units = units_of(slides)
-        column = column_of(path, columns, name, units, f"joint {name}")
-        if column is None and name not in robot.undriven:
+        given.append(column_of(path, columns, name, units_of(slides), f"joint {name}"))
+        if given[-1] is None and name not in robot.undriven:
             raise _missing(path, name, slides, columns)
-        given.append(None if column is None else JointColumn(column, titles(name, units)[column]))
     return given
 
 

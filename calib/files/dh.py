@@ -9,6 +9,7 @@ J: the frame of a modified joint is that of its row, the frame of a classic one 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from calib.arm.robot import Convention, Robot, Source
 from calib.arm.se3 import transform
 from calib.arrays import Array
 from calib.errors import InputError
-from calib.files.columns import ANGLES, LENGTHS, column_of, titles
+from calib.files.columns import ANGLES, LENGTHS, Column, column_of, titles
 from calib.files.csv_table import CsvTable, read_table
 
 _KINDS = ("revolute", "prismatic")
@@ -33,8 +34,13 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
 
     Raises InputError for columns without unit, a joint twice, and units that cannot be meant.
     """
+    found = dict[str, Column]()
     table = read_table(
-        path, ("joint",), lambda names: _check_columns(path, names), "joints", "write a number"
+        path,
+        ("joint",),
+        lambda names: found.update(_columns(path, names)),
+        "joints",
+        "write a number",
     )
     table.refuse_twice("joint", "name each joint once")
     kinds = table.text("kind") if "kind" in table.columns else len(table.rows) * ["revolute"]
@@ -42,7 +48,7 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
         if kind not in _KINDS:
             what = f"{kind[:40]!r} is not known"
             raise table.fault(row, "kind", what, f"use {' or '.join(_KINDS)}")
-    alpha, a, theta, d = (_values(table, name, units) for name, units in _COLUMNS.items())
+    alpha, a, theta, d = (_values(table, name, found[name]) for name in _COLUMNS)
     zero, end = np.zeros_like(a), np.eye(4)[None]
     links = transform(_about(0, alpha), np.stack([a, zero, zero], axis=-1))
     moved = transform(_about(2, theta), np.stack([zero, zero, d], axis=-1))
@@ -56,7 +62,8 @@ def load_dh(path: Path, convention: Convention, base: str, tip: str) -> Robot:
     return replace(robot, source=Source("dh", (path,), convention))
 
 
-def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
+def _columns(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[str, Column]]:
+    """The column of each number. Raises InputError."""
     known = {"", "joint", "kind", *_COLUMNS}
     known |= {title for name, units in _COLUMNS.items() for title in titles(name, units)}
     for column in columns:
@@ -64,16 +71,15 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
             remedy = "a DH table has joint, alpha_deg, a_mm, theta_deg, d_mm, and may have kind"
             raise InputError(path, "line 1", f"column {column!r} is none of a DH table", remedy)
     for name, units in _COLUMNS.items():
-        if column_of(path, columns, name, units, name) is None:
+        if (found := column_of(path, columns, name, units, name)) is None:
             remedy = f"add {' or '.join(titles(name, units))}"
             raise InputError(path, "line 1", f"has no column for {name}", remedy)
+        yield name, found
 
 
-def _values(table: CsvTable, name: str, units: dict[str, float]) -> Array:
+def _values(table: CsvTable, name: str, column: Column) -> Array:
     """A number of each row, SI. Raises InputError where another unit must be meant."""
-    unit = next(u for u in units if f"{name}_{u}" in table.columns)
-    column = f"{name}_{unit}"
-    values = table.numbers(column)
+    values, unit = table.numbers(column.name), column.name.rpartition("_")[2]
     quarters = np.abs(values) / (math.pi / 2)
     whole = np.round(quarters)
     looks = {  # nobody bends an axis by pi / 2 degrees
@@ -83,8 +89,8 @@ def _values(table: CsvTable, name: str, units: dict[str, float]) -> Array:
     other, right, wrong = looks.get(unit, ("", "", np.zeros(len(values), dtype=bool)))
     for row in np.flatnonzero(wrong)[:1].tolist():
         what = f"{values[row]:.10g} looks like {other}"
-        raise table.fault(row, column, what, f"name the column {name}_{right}")
-    return values * units[unit]
+        raise table.fault(row, column.name, what, f"name the column {name}_{right}")
+    return values * column.scale
 
 
 def _about(i: int, angle: Array) -> Array:

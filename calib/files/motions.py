@@ -13,7 +13,7 @@ from calib.arm.robot import Robot
 from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import column_of, joint_columns, titles, torque_columns, units_of
+from calib.files.columns import Column, column_of, joint_columns, torque_columns, units_of
 from calib.files.csv_table import CsvTable, columns_of, read_rows
 from calib.motion.filtering import SLOW
 from calib.motion.motions import Motions, Run, Unit
@@ -48,16 +48,15 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
         column_of(path, columns, f"{j}_link", units_of(s), f"{j}_link")
         for j, s in zip(robot.joints, robot.prismatic.tolist(), strict=True)
     ]
-    wanted = ["time_s", *(c.name for c in given if c is not None), *efforts, *filter(None, behind)]
-    sessions, lines, numbers = _numbers(path, columns, rows, list(dict.fromkeys(wanted)))
-    q = np.column_stack(
-        [np.zeros(len(lines)) if c is None else numbers[c.name] * c.scale for c in given]
-    )
+    read = [column.name for column in (*given, *behind) if column is not None]
+    wanted = list(dict.fromkeys(["time_s", *read, *efforts]))
+    sessions, lines, numbers = _numbers(path, columns, rows, wanted)
+    q = _angles(numbers, given, 0.0)
     effort = np.column_stack([numbers[name] for name in efforts])
     if unit == "A" and all(joint in cell.motion.constants for joint in robot.joints):
         effort = effort * [cell.motion.constants[joint] for joint in robot.joints]
         unit = "Nm"
-    link = _behind_gears(numbers, behind, robot)
+    link = _angles(numbers, behind, np.nan) if any(behind) else None
     runs, warnings = list[Run](), list[str]()
     for name in dict.fromkeys(sessions):
         own = np.flatnonzero(np.array(sessions) == name)
@@ -114,18 +113,10 @@ def _numbers(
     return sessions, np.array(lines), {name: table[:, i] for i, name in enumerate(wanted)}
 
 
-def _behind_gears(
-    numbers: dict[str, Array], columns: Sequence[str | None], robot: Robot
-) -> Array | None:
-    """Second angles (m, n), SI, NaN where a joint has none; None where none has."""
-    if not any(columns):
-        return None
-    found = np.full((len(numbers["time_s"]), robot.dof), np.nan)
-    for j, column in enumerate(columns):
-        if column:
-            units = units_of(bool(robot.prismatic[j]))
-            found[:, j] = numbers[column] * titles(f"{robot.joints[j]}_link", units)[column]
-    return found
+def _angles(numbers: dict[str, Array], columns: Sequence[Column | None], without: float) -> Array:
+    """Values of joints (m, n), SI, of columns that some joints may be without."""
+    none = np.full(len(numbers["time_s"]), without)
+    return np.column_stack([none if c is None else numbers[c.name] * c.scale for c in columns])
 
 
 # -- what a controller logs wrongly ------------------------------------------------------------

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Array, IntArray, Mask, TextArray
 from calib.cell import Cell
 from calib.errors import InputError
-from calib.files.columns import SIGMAS, UNITS, column_of, titles
+from calib.files.columns import SIGMAS, UNITS, Column, column_of, titles
 from calib.files.csv_table import CsvTable
 from calib.instruments import Instrument
 
@@ -23,22 +23,20 @@ def reading_names(instruments: Iterable[Instrument | type[Instrument]]) -> set[s
     return {title for own in columns for title in titles(own.name, UNITS[own.quantity])}
 
 
-def written_columns(instrument: Instrument) -> list[tuple[str, float]]:
-    """Columns and SI factors in which readings are written."""
+def written_columns(instrument: Instrument) -> list[Column]:
+    """In which readings are written."""
     named = (titles(own.name, UNITS[own.quantity]) for own in instrument.columns)
-    return [next(iter(own.items())) for own in named]
+    return [Column(*next(iter(own.items()))) for own in named]
 
 
-def reading_columns(
-    path: Path, instrument: Instrument, columns: tuple[str, ...]
-) -> list[tuple[str, float]]:
-    """Column and SI factor of each number. Raises InputError where one is missing or unitless."""
+def reading_columns(path: Path, instrument: Instrument, columns: tuple[str, ...]) -> list[Column]:
+    """The column of each number. Raises InputError where one is missing or unitless."""
     present = []
     for name, quantity, optional in instrument.columns:
         named = titles(name, UNITS[quantity])
         column = column_of(path, columns, name, UNITS[quantity], f"reading {name!r}")
         if column is not None:
-            present.append((column, named[column]))
+            present.append(column)
         elif not optional:
             alike = {own.casefold(): own for own in columns}
             other = next((alike[n.casefold()] for n in named if n.casefold() in alike), None)

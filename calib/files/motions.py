@@ -51,12 +51,12 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
     read = [column.name for column in (*given, *behind) if column is not None]
     wanted = list(dict.fromkeys(["time_s", *read, *efforts]))
     sessions, lines, numbers = _numbers(path, columns, rows, wanted)
-    q = _angles(numbers, given, 0.0)
+    q = _joint_values(numbers, given, 0.0)
     effort = np.column_stack([numbers[name] for name in efforts])
     if unit == "A" and all(joint in cell.motion.constants for joint in robot.joints):
         effort = effort * [cell.motion.constants[joint] for joint in robot.joints]
         unit = "Nm"
-    link = _angles(numbers, behind, np.nan) if any(behind) else None
+    link = _joint_values(numbers, behind, np.nan) if any(behind) else None
     runs, warnings = list[Run](), list[str]()
     for name in dict.fromkeys(sessions):
         own = np.flatnonzero(np.array(sessions) == name)
@@ -113,7 +113,9 @@ def _numbers(
     return sessions, np.array(lines), {name: table[:, i] for i, name in enumerate(wanted)}
 
 
-def _angles(numbers: dict[str, Array], columns: Sequence[Column | None], without: float) -> Array:
+def _joint_values(
+    numbers: dict[str, Array], columns: Sequence[Column | None], without: float
+) -> Array:
     """Values of joints (m, n), SI, of columns that some joints may be without."""
     none = np.full(len(numbers["time_s"]), without)
     return np.column_stack([none if c is None else numbers[c.name] * c.scale for c in columns])

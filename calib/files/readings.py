@@ -24,7 +24,7 @@ def reading_names(instruments: Iterable[Instrument | type[Instrument]]) -> set[s
 
 
 def written_columns(instrument: Instrument) -> list[Column]:
-    """In which readings are written."""
+    """Columns in which readings are written, each in its first unit."""
     named = (titles(own.name, UNITS[own.quantity]) for own in instrument.columns)
     return [Column(*next(iter(own.items()))) for own in named]
 

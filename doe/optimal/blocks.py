@@ -137,7 +137,7 @@ def logdet_increase(cov: Array, rows: Array) -> Array:
     cov : ndarray, shape (p, p), without them; rows : ndarray, shape (n, r, p), of each
     """
     (S,) = _turned((cov,), rows)
-    return np.asarray(np.log(np.prod([pivot for pivot, _ in _eliminated(S)], axis=0)))
+    return np.asarray(np.log([pivot for pivot, _ in _eliminated(S)]).sum(axis=0))
 
 
 def _eliminated(S: Array) -> Iterator[tuple[Array, Array]]:

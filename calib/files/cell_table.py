@@ -91,6 +91,8 @@ def _meant(key: str) -> str:
     schema = CellFile.model_json_schema()
     tables = (schema, *schema["$defs"].values())
     known = sorted({key for table in tables for key in table.get("properties", ())})
+    if key in known:
+        return " of this table; take it out, or move it to where it belongs (posecal explain cell)"
     close = difflib.get_close_matches(key, known, n=3, cutoff=_ALIKE)
     ratios = [difflib.SequenceMatcher(None, own, key).ratio() for own in close]
     best = [repr(own) for own, ratio in zip(close, ratios, strict=True) if ratio == ratios[0]]

@@ -30,7 +30,7 @@ from doe.optimal.search import best_plan
 from doe.problem import RIDGE
 from studies.research.bench import Output, Row, bench, clocked, count, each, table
 
-_CRITERIA = ("D", "A", "E", "task")
+CRITERIA = ("D", "A", "E", "task")
 _JOINTS, _PARAMETERS, _POOL = (4, 7), (6, 42), (500, 2000)
 _SPARE = (1.2, 2.5)  # poses over the least that could do
 _KICKS = 30  # after the last start that the plain exchange makes from its best plan
@@ -82,7 +82,7 @@ def draw(index: int, seed: int) -> Drawn:
     p, r = rows.shape[2], int(np.linalg.matrix_rank(rows[:9], rtol=1e-9).max())
     poses = max(3, round(p / r * rng.uniform(*_SPARE)))
     targets = turned[candidates:].reshape(-1, p) / np.sqrt(goals * markers)
-    name = _CRITERIA[index % len(_CRITERIA)]
+    name = CRITERIA[index % len(CRITERIA)]
     return Drawn(joints, name, poses, turned[:candidates], targets, T)
 
 
@@ -209,7 +209,7 @@ def one(index: int, seed: int, starts: int) -> Row:
     found, search_s = clocked(lambda: best_plan(posed, relaxed, seed=seed))
     row = {
         "problem": f"{index} {drawn.criterion}", "joints": drawn.joints, "p": p, "poses": drawn.poses,
-        "candidates": n, "proved": found.value / relaxed.bound,
+        "candidates": n, "value": found.value, "proved": found.value / relaxed.bound,
         "relax [s]": relax_s, "search [s]": search_s,
     }  # fmt: skip
     if starts:

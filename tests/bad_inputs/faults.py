@@ -130,6 +130,7 @@ CELL = _in(
         "an error common to all readings": swap(
             "[instrument]", "[instrument]\ncommon.scale_um_m = 0.3"
         ),
+        "a tracker that is turned": swap("[instrument]", "[instrument]\nrpy_deg = [0, 0, 90]"),
         "a tolerance of nothing": added("\n[acceptance]\ntolerance_mm = 0\n"),
         "a decision rule": added('\n[acceptance]\ntolerance_mm = 0.1\nrule = "guarded"\n'),
         "a table in what the report tells": added("\n[report]\nserial = { number = 3 }\n"),

@@ -12,7 +12,9 @@ from calib.cell import Cell
 from calib.diagnosis.curves import Curve, curves
 from calib.diagnosis.functions import Torque
 from calib.effects import GROUPS, Effect, catalogue
+from calib.effects.loads import FrictionWindup
 from calib.effects.protocol import Parameter
+from calib.effects.thermal import LateExpansion
 from calib.effects.tuned import Tuned, amounts_of
 from calib.errors import CalibError
 from calib.model import Model
@@ -63,7 +65,7 @@ class Candidate:
         if not isinstance(self.effect, Curve):
             further = f" #{self.line}" if self.line > 1 else ""
             echo = f" as {self.echo}" if self.echo else ""
-            form = f" {self.effect.form}" if self.effect.form else ""
+            form = " late" if isinstance(self.effect, LateExpansion) else ""
             return f"{self.effect.kind}:{self.where}{form}{further}{echo}"
         variable, count = self.effect.variable, len(self.effect.parameters)
         about = f" along {np.round(variable.axis, 3)}" if isinstance(variable, Torque) else ""
@@ -146,7 +148,8 @@ def candidates(
                 odds=expected.odds,
                 twin_odds=expected.twin_odds,
             )
-            repeated = effect_type.repeats(where, model.effects)
+            winds_up = effect_type is FrictionWindup
+            repeated = FrictionWindup.repeats(where, model.effects) if winds_up else None
             if repeated is None:
                 found += [own, *(replace(own, effect=e) for e in effect.forms(data.poses))]
             elif repeated:

@@ -26,6 +26,7 @@ from calib.diagnosis.shape import Doubt, shape_doubt
 from calib.diagnosis.stage import Fit
 from calib.effects import catalogue
 from calib.effects.context import ARM
+from calib.effects.elastic import StiffnessVsAngle
 from calib.effects.timed import Timed
 from calib.model.covariance import determined
 
@@ -83,7 +84,6 @@ class NameEvidence:
         """Terms of the logistic model of the probability, one for each of its weights."""
         kind, where = self.key.split(":", 1)
         effect = catalogue()[kind]
-        timed = issubclass(effect, Timed)
         low, high = _NEARLY
         close = min(max((self.curve_ratio - low) / (high - low), 0.0), 1.0)
         nearly = max(close, float(self.company))
@@ -92,8 +92,8 @@ class NameEvidence:
             min(max(self.curve_ratio - _LEAST_RATIO, 0.0), 1.0),
             1.0 - self.again,
             float(self.company),
-            nearly * (effect.flexible and not timed),
-            nearly * (effect.flexible and timed and _on_the_arm(where)),
+            nearly * issubclass(effect, StiffnessVsAngle),
+            nearly * (issubclass(effect, Timed) and _on_the_arm(where)),
         )
 
 

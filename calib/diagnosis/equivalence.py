@@ -20,6 +20,7 @@ from calib.diagnosis.regression import CandidateColumns
 from calib.diagnosis.search import Outcome, fitted
 from calib.diagnosis.stage import Fit, Stage
 from calib.diagnosis.state import SelectedEffect, SelectionState
+from calib.effects.joint import JointCoupling
 from calib.effects.tuned import Tuned
 from calib.inference.evidence import visible_directions
 
@@ -168,7 +169,8 @@ def classes(stage: Stage, outcome: Outcome) -> tuple[tuple[Named, ...], Fit]:
     for i, named in enumerate(found):
         (first, share), *further = named.members
         values, effect = fit.values[fit.positions(first.effect)], first.effect
-        first = replace(first, depends_on=effect.driven_by(values, poses))
+        if isinstance(effect, JointCoupling):
+            first = replace(first, depends_on=effect.driven_by(values, poses))
         aliased = isinstance(effect, Tuned) and len(effect.aliases(poses, values)) > 0
         found[i] = replace(named, members=((first, share), *further), aliased=aliased)
     return tuple(found), fit

@@ -29,6 +29,7 @@ from calib.effects.protocol import (
     TwistEffect,
     displaced,
 )
+from calib.effects.ripple import GearRipple
 from calib.identification.scan import times
 from calib.model import Model
 from calib.observations.linear import LinearProblem
@@ -88,7 +89,7 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     after, data = result.after, result.data
     robot, poses = after.model.robot, data.poses
     frame = frame_of(candidate.where, robot)
-    if frame is None or not candidate.effect.drawn:
+    if frame is None or isinstance(candidate.effect, GearRipple):
         return None
     state = after.model.state(after.values, poses)
     values = after.values[after.positions(candidate.effect)]

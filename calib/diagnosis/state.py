@@ -257,7 +257,7 @@ def _at_amplitudes(members: Members, likelihood: RestrictedLikelihood) -> Iterat
 
 
 def _other_form(one: Candidate, other: Candidate) -> bool:
-    return one.is_like(other) and one.effect.form != other.effect.form
+    return one.is_like(other) and type(one.effect) is not type(other.effect)
 
 
 def with_curves(member: Candidate, active: Sequence[Candidate]) -> list[Candidate]:

@@ -90,7 +90,6 @@ class StiffnessVsAngle(ElasticDrive):
     knots: Array = field(default_factory=lambda: np.zeros(1), kw_only=True)
     kind: ClassVar[str] = "stiffness_vs_angle"
     parts: ClassVar[tuple[str, ...]] = ("joint_compliance",)
-    flexible: ClassVar[bool] = True
 
     @classmethod
     def at(cls, context: Context, where: str) -> Self:

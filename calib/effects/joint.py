@@ -115,7 +115,7 @@ class DriveError(OnJoint, PoseEffect):
     def shares(self, poses: Poses) -> Array:
         """D dq / d parameter at each pose, shape (m, p), SI."""
 
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
+    def twists_at(self, poses: Poses, values: Array) -> tuple[Twist, ...]:
         return ((self.frame, self.axis[:, None] * self.shares(poses)[:, None, :]),)
 
     def of_joint(self, each: Array | None, poses: Poses) -> Array:
@@ -193,6 +193,7 @@ class JointCoupling(DriveError):
         )
 
     def driven_by(self, values: Array, poses: Poses) -> str:
+        """The joint that moves it most at fitted values (p,), as named in the results."""
         reach = np.abs(values) * np.ptp(self.shares(poses), axis=0)
         return f"q:{self.robot.joints[self.others[int(np.argmax(reach))]]}"
 

@@ -152,6 +152,10 @@ class FrictionWindup(SpringEffect):
 
     @classmethod
     def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
+        """The kind to which it is equivalent beside the active effects, None for a cause of its own.
+
+        It is the empty string where the effect would move nothing.
+        """
         here = {effect.kind for effect in active if effect.where == where}
         if "stiffness_vs_angle" in here:
             return None
@@ -324,7 +328,7 @@ class GravitySag(PoseEffect):
                 products += [(f"{prefix}u_{joint}", unit), (f"{prefix}v_{joint}", unit)]
         return products
 
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
+    def twists_at(self, poses: Poses, values: Array) -> tuple[Twist, ...]:
         R = forward(self.robot, poses.q).R_link
         twists, first, count = [], 0, len(self.parameters)
         for k in self.sagging:

@@ -98,10 +98,6 @@ class Effect(ABC):
     uses : what it needs of each pose beyond joints and loads, by the names of ``Poses``; where a pose
         does not have that, the effect does nothing
     parts : kinds of effects that it contains, at the same place
-    form : what tells it from other forms of the same cause, empty for the one that a cell names
-    flexible : whether at its place it can follow nearly any curve
-    drawn : whether its error can be drawn as a curve over a few knots
-    decided_by : what would separate it from causes that look alike, beyond further poses
     """
 
     where: str
@@ -110,10 +106,6 @@ class Effect(ABC):
     unknowns: ClassVar[tuple[Unknown, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
     parts: ClassVar[tuple[str, ...]] = ()
-    form: ClassVar[str] = ""
-    flexible: ClassVar[bool] = False
-    drawn: ClassVar[bool] = True
-    decided_by: ClassVar[str] = ""
 
     @classmethod
     @abstractmethod
@@ -135,14 +127,6 @@ class Effect(ABC):
         """How often, and how large, it is met at a place of the robot at hand."""
         return Expectation()
 
-    @classmethod
-    def repeats(cls, where: str, active: Sequence[Effect]) -> str | None:
-        """The kind to which it is equivalent beside the active effects, None for a cause of its own.
-
-        It is the empty string where the effect would move nothing.
-        """
-        return None
-
     def forms(self, poses: Poses) -> tuple[Effect, ...]:
         """Further forms of the same cause, that a diagnosis of these poses tries."""
         return ()
@@ -158,10 +142,6 @@ class Effect(ABC):
             return "none"
         first = self.uses[0]
         return f"{first}:{self.where}" if first in ("approach", "motion") else first
-
-    def driven_by(self, values: Array, poses: Poses) -> str:
-        """The same at fitted values (p,), where they decide it."""
-        return self.depends_on
 
     @property
     def initial(self) -> Array:
@@ -261,15 +241,15 @@ class PoseEffect(TwistEffect):
     """A displacement by what is known of the pose before the arm bends, angles as read."""
 
     @abstractmethod
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        """Where it acts, and how at its initial values."""
+    def twists_at(self, poses: Poses, values: Array) -> tuple[Twist, ...]:
+        """Where it acts, and how at values (..., p), which count only where it is not linear."""
 
     def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
-        return self.twists_at(state.poses)
+        return self.twists_at(state.poses, values)
 
     def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
         """By how much it displaces which frames at values (..., p)."""
-        return displaced(self.twists_at(poses), values)
+        return displaced(self.twists_at(poses, values), values)
 
     @property
     def depends_on(self) -> str:
@@ -279,7 +259,29 @@ class PoseEffect(TwistEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class FrameEffect(DirectedEffect, PoseEffect):
+class DirectedTwist(DirectedEffect, PoseEffect):
+    """Displaces frames along constant directions."""
+
+    @property
+    @abstractmethod
+    def along(self) -> tuple[Twist, ...]:
+        """The frames and their directions, (6, b), each in its own axes."""
+
+    @property
+    def direction_count(self) -> int:
+        return int(self.along[0][1].shape[1])
+
+    def twists_at(self, poses: Poses, values: Array) -> tuple[Twist, ...]:
+        response = self.response(poses, values)
+        return tuple((frame, directions @ response) for frame, directions in self.along)
+
+    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
+        amounts = self.amounts(poses, values)
+        return tuple((frame, amounts @ directions.T) for frame, directions in self.along)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEffect(DirectedTwist):
     """Displaces one frame.
 
     frame : int; directions : ndarray, shape (6, b), in the frame's axes
@@ -289,21 +291,12 @@ class FrameEffect(DirectedEffect, PoseEffect):
     directions: Array
 
     @property
-    def direction_count(self) -> int:
-        return int(self.directions.shape[1])
-
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        return ((self.frame, self.directions @ self.response(poses, self.initial)),)
-
-    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
-        return ((self.frame, self.directions @ self.response(state.poses, values)),)
-
-    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
-        return ((self.frame, self.amounts(poses, values) @ self.directions.T),)
+    def along(self) -> tuple[Twist, ...]:
+        return ((self.frame, self.directions),)
 
 
 @dataclass(frozen=True, eq=False)
-class StretchEffect(DirectedEffect, PoseEffect):
+class StretchEffect(DirectedTwist):
     """Makes links longer, all in the same proportion: one direction.
 
     ends : tuple of int, the frames in which these links end
@@ -314,24 +307,9 @@ class StretchEffect(DirectedEffect, PoseEffect):
     lengths: Array
 
     @property
-    def direction_count(self) -> int:
-        return 1
-
-    def twists_at(self, poses: Poses) -> tuple[Twist, ...]:
-        return self._stretched(self.response(poses, self.initial))
-
-    def twists(self, state: State, values: Array) -> tuple[Twist, ...]:
-        return self._stretched(self.response(state.poses, values))
-
-    def displacements(self, poses: Poses, values: Array) -> tuple[Displacement, ...]:
-        by_end = self._stretched(self.amounts(poses, values)[..., None])
-        return tuple((end, moved[..., 0]) for end, moved in by_end)
-
-    def _stretched(self, share: Array) -> tuple[Twist, ...]:
-        """Every link by a share of its length, of shape (..., m, 1, p)."""
-        along = np.column_stack([self.lengths, np.zeros_like(self.lengths)])
-        each = zip(self.ends, along[..., None], strict=True)
-        return tuple((end, link @ share) for end, link in each)
+    def along(self) -> tuple[Twist, ...]:
+        links = np.pad(self.lengths, ((0, 0), (0, 3)))[..., None]
+        return tuple(zip(self.ends, links, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

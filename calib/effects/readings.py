@@ -168,9 +168,6 @@ class BoardScale(PartEffect):
 
     kind: ClassVar[str] = "board_scale"
     unknowns: ClassVar[tuple[Unknown, ...]] = (("scale", "ppm", 1e-3, 5e-2),)
-    decided_by: ClassVar[str] = (
-        "measure the board with a caliper, or add one known length ([[known_distances]])"
-    )
 
     @classmethod
     def places(cls, context: Context) -> tuple[str, ...]:

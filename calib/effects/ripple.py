@@ -42,7 +42,6 @@ class GearRipple(Tuned, FrameEffect):
     harmonics: int
     ratio: float | None
     kind: ClassVar[str] = "gear_ripple"
-    drawn: ClassVar[bool] = False
     lines: ClassVar[int] = 2
 
     @classmethod

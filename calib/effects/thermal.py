@@ -73,7 +73,6 @@ class LateExpansion(Tuned, ThermalExpansion):
     """The same where links follow the temperature late, with one of the time constants ``LAGS``."""
 
     smooth: ClassVar[bool] = False
-    form: ClassVar[str] = "late"
 
     def forms(self, poses: Poses) -> tuple[Effect, ...]:
         return ()

@@ -97,7 +97,6 @@ class Timed(Tuned):
     clock: str
     units: tuple[str, ...]
     uses: ClassVar[tuple[str, ...]] = ("time",)
-    flexible: ClassVar[bool] = True
     size: ClassVar[float] = 1e-4  # m or rad
     largest: ClassVar[float]
 

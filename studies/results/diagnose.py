@@ -40,6 +40,10 @@ from studies.results.noise import Noise
 from studies.results.parts import Conditions
 
 _MINOR = 0.005  # of the error
+_DECIDED_BY = {
+    "board_scale": "measure the board with a caliper, or add one known length ([[known_distances]])"
+}
+"""What would tell a cause from those that look alike, beyond further poses."""
 
 
 class LikelyCause(Cause):
@@ -114,7 +118,9 @@ class FoundCause(NamedCause):
             aliases=aliases_of(effect.where, cycles[0], spectra) if cycles else (),
             far_out=cause.far_out or None,
             standing=cause.standing,
-            decided_by=next((o.effect.decided_by for o, _ in others if o.effect.decided_by), None),
+            decided_by=next(
+                filter(None, (_DECIDED_BY.get(o.effect.kind) for o, _ in others)), None
+            ),
             chosen_again=evidence.again,
             curve_ratio=evidence.curve_ratio,
         )

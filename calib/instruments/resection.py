@@ -2,9 +2,9 @@
 
 The arm moves a camera before bodies, or bodies before a camera: ``x ~ T_camera A_i T_body p`` with A_i
 the arm at image i, from the tip to the base or back. A search follows the best of several starts: what
-the cell says; hand-eye calibration by the poses of each body in each image (OpenCV's ``solvePnP``), by
-all of them and by those that have no rival; and bodies turned and shifted at random about where they
-ride, which makes all their points one shape that the camera sees at once.
+the cell says; hand-eye calibration by the poses of each body in each image (OpenCV's ``solvePnP``); and
+bodies turned and shifted at random about where they ride, which makes all their points one shape that
+the camera sees at once.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ _LEAST = 4  # points that give a pose
 _LINE, _PLANE = 1e-3, 0.02  # width, thickness over length: below, points lie on a line, on a plane
 _ENOUGH = 3  # images of a body that fix it beside the camera
 _POSED = 60  # images of a body that are looked at by themselves
-_SURE = 9.0  # times the cost of the better pose: the other one is none
 _DRAWN = 32  # places of bodies
 _ABOUT = 0.3  # of the extent of the arm's motion: how far from it a body rides
 _FOLLOWED = 8  # starts, the best of them
@@ -233,14 +232,11 @@ def poses_of(rays: Array, points: Array) -> list[tuple[Array, Array, float]]:
     return sorted(poses, key=lambda pose: pose[2])[: 2 if flat else 1]
 
 
-def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motions, Mask, Mask]:
-    """The better pose of B bodies in m images, shape (m, B).
-
-    Returns where enough of a body is seen, and where the other pose is none, both (m, B), too.
-    """
+def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motions, Mask]:
+    """The better pose of B bodies in m images, shape (m, B), and where enough of a body is seen."""
     m, count = len(ideal), len(bodies)
     R, t = np.tile(np.eye(3), (m, count, 1, 1)), np.zeros((m, count, 3))
-    whole, sure = np.zeros((m, count), dtype=bool), np.zeros((m, count), dtype=bool)
+    whole = np.zeros((m, count), dtype=bool)
     for k, body in enumerate(bodies):
         channels = body.channels
         images = np.flatnonzero(seen[:, channels].sum(axis=1) >= _LEAST)
@@ -250,34 +246,32 @@ def _views(ideal: Array, seen: Mask, bodies: tuple[Ridden, ...]) -> tuple[Motion
             here = seen[i, channels]
             poses = poses_of(ideal[i, channels][here], body.points[here])
             if poses:
-                R[i, k], t[i, k], cost = poses[0]
-                rival = poses[1][2] if poses[1:] else np.inf
-                whole[i, k], sure[i, k] = True, rival > _SURE * max(cost, seen.shape[1])
-    return (R, t), whole, sure
+                R[i, k], t[i, k], _ = poses[0]
+                whole[i, k] = True
+    return (R, t), whole
 
 
 def _by_hand_eye(ideal: Array, seen: Mask, mounted: Mounted, images: _Images) -> Iterator[Array]:
-    """Values (1, p) by the poses of each body in each image: by all of them, and by the sure ones.
+    """Values (1, p) by the poses of each body in each image, where any is seen often enough.
 
     What is not seen whole often enough stays where it is guessed.
     """
-    (R, t), *trusted = _views(ideal, seen, mounted.bodies)
+    (R, t), whole = _views(ideal, seen, mounted.bodies)
     bodies, camera = mounted.bodies, mounted.camera
     if mounted.known:  # seen from the base then
         back = camera[0].T
         R, t = back @ R, rotate(back, t - camera[1])
     known = np.array([body.known for body in bodies])
-    for using in trusted:
-        count = using.sum(axis=0)
-        use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
-        if not use:
-            continue
-        corners = np.concatenate([corners_of(bodies[k].R, bodies[k].t) for k in use])
-        free = np.repeat(~known[use], CORNERS)[:, None] & np.ones(3, dtype=bool)
-        arm = Nominal(*mounted.arm, corners, free, mounted.known)
-        R_base, t_base, corners = hand_eye((R[:, use], t[:, use]), using[:, use], arm)
-        origins, axes = frame_of(corners)
-        places = [(body.R, body.t) for body in bodies]
-        for k, origin, turn in zip(use, origins, axes, strict=True):
-            places[k] = turn.T, origin
-        yield images.at(camera if mounted.known else (R_base, t_base), places)[None]
+    count = whole.sum(axis=0)
+    use = np.flatnonzero((count >= _ENOUGH) | ((count > 0) & known)).tolist()
+    if not use:
+        return
+    corners = np.concatenate([corners_of(bodies[k].R, bodies[k].t) for k in use])
+    free = np.repeat(~known[use], CORNERS)[:, None] & np.ones(3, dtype=bool)
+    arm = Nominal(*mounted.arm, corners, free, mounted.known)
+    R_base, t_base, corners = hand_eye((R[:, use], t[:, use]), whole[:, use], arm)
+    origins, axes = frame_of(corners)
+    places = [(body.R, body.t) for body in bodies]
+    for k, origin, turn in zip(use, origins, axes, strict=True):
+        places[k] = turn.T, origin
+    yield images.at(camera if mounted.known else (R_base, t_base), places)[None]

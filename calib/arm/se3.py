@@ -145,20 +145,8 @@ def _about(r: Array, square: Array, s: Array, c: Array) -> Array:
     x, y, z = r[..., 0], r[..., 1], r[..., 2]
     sx, sy, sz, cx, cy = s * x, s * y, s * z, c * x, c * y
     xy, xz, yz, one = cx * y, cx * z, cy * z, 1.0 - c * square
-    diagonal = one + cx * x, one + cy * y, one + c * z * z
-    return _matrix(
-        [
-            diagonal[0],
-            xy - sz,
-            xz + sy,
-            xy + sz,
-            diagonal[1],
-            yz - sx,
-            xz - sy,
-            yz + sx,
-            diagonal[2],
-        ]
-    )
+    xx, yy, zz = one + cx * x, one + cy * y, one + c * z * z
+    return _matrix([xx, xy - sz, xz + sy, xy + sz, yy, yz - sx, xz - sy, yz + sx, zz])
 
 
 def so3_log(R: Array) -> Array:

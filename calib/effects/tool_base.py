@@ -10,6 +10,7 @@ import numpy as np
 from calib.arm.se3 import fit_rigid, rotate, skew, so3_exp, so3_log, so3_right_jacobian
 from calib.arrays import Array
 from calib.effects.context import Context
+from calib.effects.geometry import Geometry
 from calib.effects.protocol import Effect, Parameter
 from calib.instruments import TRACKER, Instrument
 
@@ -90,15 +91,10 @@ class Tool(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        units = [
-            ("x", "mm"),
-            ("y", "mm"),
-            ("z", "mm"),
-            ("rx", "mrad"),
-            ("ry", "mrad"),
-            ("rz", "mrad"),
-        ]
-        return tuple(self.parameter(*units[c], 1e-2) for c in self.components)
+        return tuple(
+            self.parameter(Geometry.names[c], "mm" if c < 3 else "mrad", 1e-2)
+            for c in self.components
+        )
 
     @property
     def markers(self) -> slice:

@@ -102,11 +102,19 @@ class GravityCompensator(SpringEffect):
         return f"q:{self.where}"
 
     def torques(self, poses: Poses) -> Array:
-        axis, (before, after) = self.axis[3:], self.anchors
-        moved = rotate(so3_exp(axis * poses.q[:, self.frame - 1, None]), after)
-        s = np.linalg.norm(moved - before, axis=-1)
-        lever = cross(moved, np.broadcast_to(before, moved.shape)) @ axis / s
-        return np.column_stack([(s - np.linalg.norm(after - before)) * lever, lever])
+        return spring_torques(self.axis[3:], self.anchors, poses.q[:, self.frame - 1])
+
+
+def spring_torques(axis: Array, anchors: Array, q: Array) -> Array:
+    """Torques on a joint by a unit of spring and of preload of its compensator, shape (m, 2).
+
+    axis : ndarray, shape (3,); anchors : ndarray, shape (2, 3), m; q : ndarray, shape (m,), rad
+    """
+    before, after = anchors
+    moved = rotate(so3_exp(axis * q[:, None]), after)
+    s = np.linalg.norm(moved - before, axis=-1)
+    lever = cross(moved, np.broadcast_to(before, moved.shape)) @ axis / s
+    return np.column_stack([(s - np.linalg.norm(after - before)) * lever, lever])
 
 
 def default_anchors(context: Context, joint: int) -> Array:

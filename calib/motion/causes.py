@@ -133,7 +133,11 @@ def _rivals(
                 found.append((name, _odds(worse.p)))
     if kind == "stribeck_friction" and "coulomb_friction" not in dict(found):
         found.append(("coulomb_friction", 1.0))  # of another law of speed
-    if kind == "spring" and state.model.inertials == "none" and question.may(INERTIALS, 0):
+    if (
+        kind in ("spring", "gravity_compensator")
+        and state.model.inertials == "none"
+        and question.may(INERTIALS, 0)
+    ):
         found.append((INERTIALS, 1.0))  # a wrong mass beyond the joint pulls as a spring does
     if kind == "armature" and state.model.inertials == "inertials" and not robot.parents[j]:
         found.append((INERTIALS, 1.0))  # a rotor of the first joint turns as its link does

@@ -27,7 +27,7 @@ from calib.motion.contest import (
     holds,
     tuned,
 )
-from calib.motion.effects import INERTIALS, KINDS, NAMES, PAYLOAD, SCALE
+from calib.motion.effects import EFFECTS, INERTIALS, KINDS, NAMES, PAYLOAD, SCALE, Stated
 from calib.motion.encoders import GearFit, gear_fits
 from calib.motion.fit import MotionFit, MotionModel, fit
 from calib.motion.gram import Products, products
@@ -39,6 +39,7 @@ LADDER: tuple[tuple[str, ...], ...] = (
     ("torque_offset",),
     ("coulomb_friction", "viscous_friction"),
     ("armature",),
+    ("gravity_compensator",),
     (INERTIALS,),
     (SCALE,),
     ("pre_sliding",),
@@ -157,7 +158,7 @@ def products_of(cell: Cell, motions: Motions, whole: bool = False) -> Products:
         cut = {"stretch": _STRETCH * time}
         cut |= {"left_out": _LEFT_OUT * time} if len(motions.runs) == 1 else {}
     return products(
-        cell.robot, motions, KINDS, gravity=cell.gravity, ratios=cell.gear_ratios,
+        cell.robot, motions, KINDS, gravity=cell.gravity, stated=Stated(cell.gear_ratios, cell.anchors),
         payload=cell.payload, cutoff=cell.motion.cutoff, **cut,
     )  # fmt: skip
 
@@ -183,7 +184,9 @@ def _asked(cell: Cell, motions: Motions, found: Products) -> tuple[MotionModel, 
             j = cell.robot.joints.index(where)
             terms = [(SCALE, 0.0)] if kind == SCALE else found.columns.variants(j, kind)
             if not terms:
-                raise UnknownEffect(f"{kind} cannot act at {where!r}; state its [robot.gear_ratio]")
+                raise UnknownEffect(
+                    f"{kind} cannot act at {where!r}; state its [robot.{EFFECTS[kind].needs}]"
+                )
             model = given(model, j, terms[len(terms) // 2])
             kept[j].add(kind)
     excluded = frozenset((kind, j) for kind, j in _excluded(cell))

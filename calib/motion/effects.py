@@ -7,16 +7,35 @@ and URDF call it. A new law of friction is one such class and one entry in ``KIN
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
+from calib.arm.robot import Robot
 from calib.arrays import Array
+from calib.effects.loads import spring_torques
 from calib.motion.filtering import SLOW, Samples
 
 _DISTANCES = (300.0, 1e3, 3e3, 1e4, 3e4)  # 1/rad
+
+
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """What a cell states of joints, by name.
+
+    gear_ratio : turns of the motor for one of the joint
+    compensators_mm : ndarray, shape (2, 3), m: anchors of the spring of a gravity compensator, on the
+        link before the joint and on that after it, from the joint's origin
+    """
+
+    gear_ratio: Mapping[str, float] = field(default_factory=dict)
+    compensators_mm: Mapping[str, Array] = field(default_factory=dict)
+
+    def has(self, key: str, joint: str) -> bool:
+        """Whether a key of [robot] is stated of a joint; an empty one is."""
+        return not key or joint in getattr(self, key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +45,8 @@ class JointMotion:
     q, v, a : ndarray, shape (m,), rad or m, and per second; slope : of the effort, a second
     rigid : ndarray, shape (m,), N m or N, torque of the links as the robot's file has them
     ratio : float, turns of the motor for one of the joint; NaN where the cell does not state it
+    compensator : ndarray, shape (m, 2), torques by a unit of its spring and of its preload, none where
+        the cell states no anchors
     """
 
     q: Array
@@ -34,14 +55,21 @@ class JointMotion:
     slope: Array
     rigid: Array
     ratio: float = np.nan
+    compensator: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @classmethod
-    def of(cls, samples: Samples, rigid: Array, joint: int, ratio: float = np.nan) -> JointMotion:
+    def of(
+        cls, samples: Samples, rigid: Array, robot: Robot, joint: int, stated: Stated | None = None
+    ) -> JointMotion:
         """Of one joint; rigid : ndarray, shape (m, n)."""
+        stated, name = stated or Stated(), robot.joints[joint]
         q, v, a, slope, torque = (
             own[:, joint] for own in (samples.q, samples.v, samples.a, samples.slope, rigid)
         )
-        return cls(q, v, a, slope, torque, ratio)
+        found = cls(q, v, a, slope, torque, stated.gear_ratio.get(name, np.nan))
+        if (anchors := stated.compensators_mm.get(name)) is None:
+            return found
+        return replace(found, compensator=spring_torques(robot.axes[joint], anchors, q))
 
     def sign(self, width: float = SLOW) -> Array:
         """Direction of motion, shape (m,), smooth within a speed about standstill, rad/s or m/s."""
@@ -54,7 +82,7 @@ class MotionEffect(ABC):
 
     variant : float, value of what is not linear, of which the best of ``variants`` is chosen
     unknowns : names of the parameters and their units where the joint turns and the effort is a torque
-    geared : whether it acts only where the gear's ratio is stated
+    needs : key of [robot] that must state something of the joint, empty where none must
     sharp : whether it changes faster than the effort's filter, so that its columns go through it too
     mjcf, urdf : attribute of a joint that holds it, empty where none does
     """
@@ -63,7 +91,7 @@ class MotionEffect(ABC):
     kind: ClassVar[str]
     unknowns: ClassVar[tuple[tuple[str, str], ...]]
     variants: ClassVar[tuple[float, ...]] = (0.0,)
-    geared: ClassVar[bool] = False
+    needs: ClassVar[str] = ""
     sharp: ClassVar[bool] = False
     mjcf: ClassVar[str] = ""
     urdf: ClassVar[str] = ""
@@ -190,11 +218,23 @@ class Spring(MotionEffect):
 
 
 @dataclass(frozen=True)
+class GravityCompensator(MotionEffect):
+    """What a spring between two stated anchors bears, as of poses: the drive bears so much less."""
+
+    kind = "gravity_compensator"
+    needs = "compensators_mm"
+    unknowns = (("spring", "N/m"), ("preload", "N"))
+
+    def columns(self, joint: JointMotion) -> Array:
+        return -joint.compensator
+
+
+@dataclass(frozen=True)
 class TorqueRipple(MotionEffect):
     """A torque that repeats with each turn of the motor, and twice in it."""
 
     kind = "torque_ripple"
-    geared = True
+    needs = "gear_ratio"
     sharp = True  # motors turn faster than the filter lets pass
     unknowns = (("cos_1", "Nm"), ("sin_1", "Nm"), ("cos_2", "Nm"), ("sin_2", "Nm"))
 
@@ -216,7 +256,7 @@ class TorqueDelay(MotionEffect):
 
 KINDS: tuple[type[MotionEffect], ...] = (
     *(TorqueOffset, CoulombFriction, ViscousFriction, Armature, PreSliding, LoadFriction),
-    *(StribeckFriction, Spring, TorqueRipple, TorqueDelay),
+    *(StribeckFriction, Spring, GravityCompensator, TorqueRipple, TorqueDelay),
 )
 """All terms of single joints, in the order in which a ladder climbs."""
 EFFECTS = {own.kind: own for own in KINDS}
@@ -227,7 +267,8 @@ NAMES = (*EFFECTS, PAYLOAD, INERTIALS, SCALE)
 
 
 def parted(effects: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What ``[model] effects`` names of poses, and of motions; a payload belongs to both."""
+    """What ``[model] effects`` names of poses, and of motions; loads and springs belong to both."""
     named = [(text, text.partition(":")[0].strip()) for text in effects]
-    poses = tuple(text for text, name in named if name == PAYLOAD or name not in NAMES)
+    both = (PAYLOAD, GravityCompensator.kind)
+    poses = tuple(text for text, name in named if name in both or name not in NAMES)
     return poses, tuple(text for text, name in named if name in NAMES)

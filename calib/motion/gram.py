@@ -15,7 +15,7 @@ from calib.arm.se3 import steiner, transformed
 from calib.arm.statics import Payload
 from calib.arrays import Array, IntArray
 from calib.errors import CalibError
-from calib.motion.effects import JointMotion, MotionEffect
+from calib.motion.effects import JointMotion, MotionEffect, Stated
 from calib.motion.filtering import CUTOFF, SLOW, Samples, filtered
 from calib.motion.motions import Motions
 from calib.motion.regressor import PER_LINK, nominal_inertials, regressor
@@ -108,16 +108,14 @@ class Products:
         return np.asarray(self.total[:, -1, -1] / self.counts.sum(axis=0))
 
 
-def columns_of(
-    robot: Robot, kinds: tuple[type[MotionEffect], ...], ratios: Mapping[str, float]
-) -> Columns:
+def columns_of(robot: Robot, kinds: tuple[type[MotionEffect], ...], stated: Stated) -> Columns:
     """The places of all columns."""
     begin = inertials = PER_LINK * robot.dof
     terms = []
     for joint in range(robot.dof):
         at, own = begin, {}
         for kind in kinds:
-            if not kind.geared or robot.joints[joint] in ratios:
+            if stated.has(kind.needs, robot.joints[joint]):
                 for variant in kind.variants:
                     own[kind.kind, variant] = slice(at, at + len(kind.unknowns))
                     at += len(kind.unknowns)
@@ -136,7 +134,7 @@ def products(
     kinds: tuple[type[MotionEffect], ...],
     *,
     gravity: Array,
-    ratios: Mapping[str, float],
+    stated: Stated,
     payload: Payload | None = None,
     cutoff: float = CUTOFF,
     stretch: float | None = None,
@@ -149,7 +147,7 @@ def products(
 
     Raises CalibError where nothing moves.
     """
-    columns = columns_of(robot, kinds, ratios)
+    columns = columns_of(robot, kinds, stated)
     links = carried(robot, nominal_inertials(robot), payload).ravel()
     nominal = np.tile(np.pad(links, (0, columns.width - len(links))), (robot.dof, 1))
     if robot.losses is not None:
@@ -169,7 +167,7 @@ def products(
         names += [run.name] * count
         own = 1 if left_out > lasted else max(2, int(lasted / left_out))
         fold += [max(fold, default=-1) + 1 + k * own // count for k in range(count)]
-        parts += _products(robot, samples, edges, columns, links, by_kind, gravity, dict(ratios))
+        parts += _products(robot, samples, edges, columns, links, by_kind, gravity, stated)
     if not parts:
         raise CalibError(f"no joint moves faster than {SLOW:g} rad/s or m/s in any run")
     G, moving, counts, noise = (np.array(own) for own in zip(*parts, strict=True))
@@ -197,7 +195,7 @@ def _products(
     links: Array,
     kinds: Mapping[str, type[MotionEffect]],
     gravity: Array,
-    ratios: dict[str, float],
+    stated: Stated,
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
     """Of every part of a run: products, those of what moves, counts, and the noise."""
     n, K, chunks = robot.dof, columns.width, range(0, len(samples), _CHUNK)
@@ -208,8 +206,7 @@ def _products(
         return regressor(robot, samples.q[own], samples.v[own], samples.a[own], gravity)
 
     rigid = np.concatenate([rows(i, min(i + _CHUNK, len(samples))) @ links for i in chunks])
-    joints = [JointMotion.of(samples, rigid, j, ratios.get(name, np.nan))
-              for j, name in enumerate(robot.joints)]  # fmt: skip
+    joints = [JointMotion.of(samples, rigid, robot, j, stated) for j in range(n)]
     local = _terms(joints, samples, columns, kinds)
     for first, last in pairwise(edges):
         G, moving = np.zeros((2, n, K, K))

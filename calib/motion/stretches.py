@@ -26,7 +26,7 @@ def correlation_time_of(cell: Cell, motions: Motions) -> float:
         Y = regressor(cell.robot, samples.q, samples.v, samples.a, cell.gravity)
         rigid = Y @ nominal_inertials(cell.robot).ravel()
         for j in range(cell.robot.dof):
-            joint, effort = JointMotion.of(samples, rigid, j), samples.effort[:, j]
+            joint, effort = JointMotion.of(samples, rigid, cell.robot, j), samples.effort[:, j]
             terms = [EFFECTS[kind](_DISTANCE).columns(joint) for kind in _USUAL]
             X = np.column_stack([joint.rigid, *terms])
             left = effort - X @ np.linalg.lstsq(X, effort, rcond=None)[0]

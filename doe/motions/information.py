@@ -14,7 +14,7 @@ import numpy as np
 from calib.arrays import Array, IntArray
 from calib.cell import Cell
 from calib.errors import CalibError, UnknownEffect
-from calib.motion.effects import EFFECTS, INERTIALS, KINDS, NAMES, PAYLOAD, SCALE
+from calib.motion.effects import EFFECTS, INERTIALS, KINDS, NAMES, PAYLOAD, SCALE, Stated
 from calib.motion.fit import sizes_of
 from calib.motion.gram import FILE, LOSSES, Products, products
 from calib.motion.motions import Motions
@@ -68,7 +68,7 @@ def information(
     """
     parts = [products(
         cell.robot, Motions((own.run(cell),)), KINDS, gravity=cell.gravity,
-        ratios=cell.gear_ratios, payload=own.payload, cutoff=cell.motion.cutoff,
+        stated=Stated(cell.gear_ratios, cell.anchors), payload=own.payload, cutoff=cell.motion.cutoff,
     ) for own in motions]  # fmt: skip
     torque = np.mean([_power(own) for own in parts], axis=0) ** 0.5
     torque = np.maximum(torque, 1e-3 * float(torque.max()))
@@ -138,7 +138,9 @@ def _columns(
             continue
         terms = first.columns.variants(j, kind)
         if not terms:
-            raise UnknownEffect(f"{kind} cannot act at {name!r}; state its [robot.gear_ratio]")
+            raise UnknownEffect(
+                f"{kind} cannot act at {name!r}; state its [robot.{EFFECTS[kind].needs}]"
+            )
         term = (kind, FILE) if kind in LOSSES else terms[len(terms) // 2]
         places = first.columns.of(j, term).tolist()
         for at, (unknown, unit) in zip(places, EFFECTS[kind].unknowns, strict=False):

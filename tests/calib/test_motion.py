@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -123,6 +124,31 @@ def test_what_mujoco_put_in_is_named(
         assert first.value == pytest.approx(expected[own.effect, own.where], rel=0.1)
 
 
+BEFORE, AFTER = np.array([-0.05, 0.3, 0.0]), np.array([0.12, 0.02, 0.0])
+"""Anchors of a spring at the second joint, m, in its frame."""
+
+
+def test_a_spring_between_stated_anchors_is_named(tmp_path: Path) -> None:
+    """A tendon of MuJoCo."""
+    stiffness, free = 3e3, 0.1
+    x, y, z = BEFORE @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) + [0.1, 0.0, 0.1]
+    tendon = (
+        f'<tendon><spatial stiffness="{stiffness}" springlength="{free}"><site site="before"/>'
+        '<site site="after"/></spatial></tendon></mujoco>'
+    )
+    text = ARM.format(**PLAIN).replace("</mujoco>", tendon)
+    text = text.replace('<body name="b"', f'<site name="before" pos="{x} {y} {z}"/><body name="b"')
+    text = text.replace('<body name="c"', '<site name="after" pos=".12 .02 0"/><body name="c"')
+    (tmp_path / "sprung.xml").write_text(text)
+    cell = replace(cell_of(arm(tmp_path)), anchors={"j2": np.array([BEFORE, AFTER])})
+    found = diagnose_motions(cell, day(tmp_path / "sprung.xml", cell.robot, 6, 4))
+    (cause,) = found.causes
+    assert (cause.effect, cause.where) == ("gravity_compensator", "j2")
+    spring, preload = (own.value for own in cause.parameters)
+    pull = stiffness * (np.linalg.norm(AFTER - BEFORE) - free)
+    assert [spring, preload] == pytest.approx([stiffness, pull], rel=0.05)
+
+
 def test_a_wrong_mass_is_inertials_or_payload(tmp_path: Path) -> None:
     plain, truth = arm(tmp_path), arm(tmp_path, mass=7.5)
     found = diagnose_motions(
@@ -146,10 +172,11 @@ def test_presliding_is_dahls_equation() -> None:
 
 def test_columns_are_linear_terms_of_one_joint() -> None:
     """Each kind gives as many columns as it has parameters, finite everywhere."""
-    q, v, a, slope, rigid = np.random.default_rng(4).normal(size=(5, 60))
+    q, v, a, slope, rigid, *spring = np.random.default_rng(4).normal(size=(7, 60))
+    joint = JointMotion(q, v, a, slope, rigid, 50.0, np.transpose(spring))
     for kind in KINDS:
         for variant in kind.variants:
-            columns = kind(variant).columns(JointMotion(q, v, a, slope, rigid, 50.0))
+            columns = kind(variant).columns(joint)
             assert columns.shape == (60, len(kind.unknowns))
             assert np.isfinite(columns).all()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 
-from calib.arrays import Array, IntArray
+from calib.arrays import Array, IntArray, Mask
 from calib.cell import Cell
 from calib.cell.contacts import with_sites
 from calib.errors import CalibError, NoEquilibrium
@@ -30,36 +30,24 @@ Plan: TypeAlias = Poses | Measurements | str | Path | Array
 """Poses, measurements, a plan's file, or joint values (m, n) in rad and m."""
 Data: TypeAlias = Measurements | str | Path
 """Measurements, or their file; from a file of motions the result is that of motions."""
+Kept: TypeAlias = Data | float | None
+Runs: TypeAlias = Motions | str | Path | float | None
+"""What is held out: of measurements and of motions; their file, or a share."""
+Seed: TypeAlias = np.random.Generator | int
+Values: TypeAlias = Sequence[float] | Mapping[str, float]
+"""All of a model, SI, or some by their names."""
 
 
 @overload
 def identify(
-    cell: Cell,
-    data: Motions,
-    *,
-    heldout: Motions | str | Path | float | None = None,
-    rng: np.random.Generator | int = 0,
+    cell: Cell, data: Motions, *, heldout: Runs = None, rng: Seed = 0
 ) -> MotionDiagnosis: ...
-
-
 @overload
 def identify(
-    cell: Cell,
-    data: Data,
-    *,
-    heldout: Data | float | None = None,
-    rng: np.random.Generator | int = 0,
-    **options: Any,
+    cell: Cell, data: Data, *, heldout: Kept = None, rng: Seed = 0, **options: Any
 ) -> Identification: ...
-
-
 def identify(
-    cell: Cell,
-    data: Any,
-    *,
-    heldout: Any = None,
-    rng: np.random.Generator | int = 0,
-    **options: Any,
+    cell: Cell, data: Any, *, heldout: Any = None, rng: Seed = 0, **options: Any
 ) -> Identification | MotionDiagnosis:
     """Estimate the effects that the cell's model contains.
 
@@ -83,30 +71,12 @@ def identify(
 
 @overload
 def diagnose(
-    cell: Cell,
-    data: Motions,
-    *,
-    heldout: Motions | str | Path | float | None = None,
-    rng: np.random.Generator | int = 0,
+    cell: Cell, data: Motions, *, heldout: Runs = None, rng: Seed = 0
 ) -> MotionDiagnosis: ...
-
-
 @overload
+def diagnose(cell: Cell, data: Data, *, heldout: Kept = None, rng: Seed = 0) -> Diagnosis: ...
 def diagnose(
-    cell: Cell,
-    data: Data,
-    *,
-    heldout: Data | float | None = None,
-    rng: np.random.Generator | int = 0,
-) -> Diagnosis: ...
-
-
-def diagnose(
-    cell: Cell,
-    data: Any,
-    *,
-    heldout: Any = None,
-    rng: np.random.Generator | int = 0,
+    cell: Cell, data: Any, *, heldout: Any = None, rng: Seed = 0
 ) -> Diagnosis | MotionDiagnosis:
     """Where the gap lies, which effects cause it, and how far it shrinks.
 
@@ -132,9 +102,7 @@ def _of_motions(data: object) -> bool:
     return isinstance(data, Motions) or (isinstance(data, str | Path) and holds_motions(Path(data)))
 
 
-def _runs(
-    cell: Cell, data: Any, heldout: Any, rng: np.random.Generator | int
-) -> tuple[Motions, Motions | None]:
+def _runs(cell: Cell, data: Any, heldout: Any, rng: Seed) -> tuple[Motions, Motions | None]:
     """Runs to fit and to hold out. Raises CalibError."""
     from calib.files.motions import load_motions
 
@@ -149,7 +117,7 @@ def _runs(
 
 
 def _parts(
-    cell: Cell, data: Data, heldout: Data | float | None, rng: np.random.Generator | int
+    cell: Cell, data: Data, heldout: Kept, rng: Seed
 ) -> tuple[Measurements, Measurements | None]:
     """Measurements to fit and to hold out. Raises CalibError."""
     kept = measured(cell, data)
@@ -195,11 +163,7 @@ def parameters(cell: Cell, plan: Plan | None = None) -> list[str]:
 
 
 def observation(
-    cell: Cell,
-    plan: Plan,
-    approach: Approach = "points",
-    *,
-    values: Sequence[float] | Mapping[str, float] | None = None,
+    cell: Cell, plan: Plan, approach: Approach = "points", *, values: Values | None = None
 ) -> Array:
     """Observation matrix B_i of every pose (paper, equations 19 and 20), base and tool included.
 
@@ -234,7 +198,7 @@ def observation(
     return np.concatenate(list(stacked), axis=1)
 
 
-def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[str, float]) -> Array:
+def predict(cell: Cell, measurements: Plan, values: Values) -> Array:
     """Predicted readings, shape (poses, markers, 3), m, in the frame of each pose's station.
 
     values : ndarray, shape (p,), SI, in the order of ``parameters(cell)``, or a mapping from names to
@@ -251,11 +215,7 @@ def predict(cell: Cell, measurements: Plan, values: Sequence[float] | Mapping[st
 
 
 def simulate(
-    cell: Cell,
-    plan: Plan,
-    values: Sequence[float] | Mapping[str, float] | None = None,
-    *,
-    rng: np.random.Generator | int = 0,
+    cell: Cell, plan: Plan, values: Values | None = None, *, rng: Seed = 0
 ) -> Measurements:
     """Measurements of a robot that is known, with the noise of the cell's instruments and arm.
 
@@ -318,7 +278,7 @@ def turn_of(cell: Cell, plan: Poses) -> IntArray:
     return (both.T if cell.scatters else both).ravel()
 
 
-def as_vector(model: Model, values: Sequence[float] | Mapping[str, float] | None) -> Array:
+def as_vector(model: Model, values: Values | None) -> Array:
     """Values of all parameters, shape (p,), SI. Raises CalibError for a wrong name or number."""
     ids = [p.id for p in model.parameters]
     if values is None:
@@ -356,13 +316,7 @@ def poses_of(cell: Cell, plan: Plan) -> Poses:
     return poses
 
 
-def _tip_origin_map(
-    model: Model,
-    values: Array,
-    poses: Poses,
-    points: Array,
-    seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
-) -> Array:
+def _tip_origin_map(model: Model, values: Array, poses: Poses, points: Array, seen: Mask) -> Array:
     usable = orientable(model.marker_positions(values), seen)
     if model.scattered or not usable.any():
         raise CalibError(

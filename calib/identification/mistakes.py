@@ -15,12 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.arrays import Array, IntArray, Mask
+from calib.arm.kinematics import forward
+from calib.arm.se3 import rotate
+from calib.arrays import Array, IntArray, Mask, stacked
+from calib.effects.tool_base import Base
 from calib.errors import ImplausibleData
 from calib.identification.checks import refuse_unreachable
 from calib.identification.data_mistakes import DataMistake, reordered, tables, two_zeros
 from calib.identification.start import initial_values
+from calib.instruments.placing import levers
 from calib.model import Model
+from calib.observations.shape import free_components
 from calib.poses import Measurements
 
 # Of the arm's reach: no pose of a healthy day is missed by as much; the worst real one, by 1.2 %.
@@ -31,6 +36,7 @@ _TIMES = 10.0  # by which the misfit must fall
 _ALIKE = 3.0  # times the least misfit: the data do not tell
 _POSES, _EXCHANGE_POSES = 40, 60  # they tell as much as a thousand, in a hundredth of the time
 _MOST, _MOST_SHIFTED = 0.8, 0.9  # of the poses must fit once it is mended
+_LOOSE = 3.0  # times as far may the arm miss its points where its base may stretch too
 _CLOSEST = 8  # looked at again, without gross errors
 _UNREACHED = 100.0  # arm lengths between points, beyond which a unit is wrong
 _SHOWN = 6  # poses named
@@ -151,6 +157,31 @@ def _placed(model: Model, data: Measurements, rounds: int = _ROUNDS) -> _Placed:
     return _Placed(values, missed, kept, rms, rms / spread if spread > 0.0 else np.inf)
 
 
+def _affine(model: Model, data: Measurements) -> float:
+    """RMS, m, of the poses that fit best, as many as must, where the base may stretch too.
+
+    Without the constraint of a turn the problem is linear, and soon solved: what is not near then is
+    never near. Zero where the base is known, as nothing has to be searched.
+    """
+    if not len(model.where(Base)):
+        return 0.0
+    frames, (pose, marker) = forward(model.robot, data.poses.q), np.nonzero(data.seen)
+    tip = pose, model.marker_frames[marker]
+    R, y = frames.R[tip], data.points[pose, marker]
+    there = frames.o[tip] + rotate(R, model.markers[marker])
+    of_base = np.einsum("nk,cd->ncdk", np.c_[y, np.ones(len(y))], np.eye(3)).reshape(len(y), 3, 12)
+    A = np.concatenate([of_base, levers(marker, R, free_components(model))], axis=-1)
+    count = data.seen.sum(axis=1)
+    kept = np.ones(len(count), dtype=bool)
+    for _ in range(_ROUNDS):
+        rows = kept[pose]
+        values = np.linalg.lstsq(stacked(A[rows]), there[rows].ravel(), rcond=None)[0]
+        squares = ((there - A @ values) ** 2).sum(axis=-1)
+        missed = np.sqrt(np.bincount(pose, squares, len(count)) / count)
+        kept = missed <= np.quantile(missed, _MOST)
+    return _rms(missed[kept])
+
+
 def _missed(model: Model, data: Measurements, values: Array) -> Array:
     """How far the readings of each pose lie from where they are predicted, RMS, shape (m,), m."""
     off = model.off(values, data)
@@ -180,15 +211,17 @@ def _undone(
     model: Model, sample: Measurements, missed: Array, table: tuple[DataMistake, ...]
 ) -> Mistake | None:
     """The entries of a table that bring the arm to its points, gross errors aside."""
-    tried = [entry.undone(model, sample) for entry in table]
-    first = [_placed(*own, rounds=1).share for own in tried]
+    near = _ARM * model.robot.reach
+    undone = [(entry, *entry.undone(model, sample)) for entry in table]
+    tried = [own for own in undone if _affine(*own[1:]) <= _LOOSE * near]
+    first = [_placed(*own[1:], rounds=1).share for own in tried]
     closest = [i for i in np.argsort(first)[:_CLOSEST] if first[i] <= _ALIKE * min(first)]
     # The arm then errs as arms do, and did not before.
-    fitting, near = [], _ARM * model.robot.reach
+    fitting = []
     for i in closest:
-        fit = _placed(*tried[i])
+        fit = _placed(*tried[i][1:])
         if fit.fits(min(near, _rms(missed[fit.kept]) / _TIMES), _MOST):
-            fitting.append((table[i], fit))
+            fitting.append((tried[i][0], fit))
     if not fitting:
         return None
     best = min((fit for _, fit in fitting), key=lambda fit: fit.share)

@@ -432,9 +432,9 @@ def test_a_model_that_lacks_something_makes_no_instrument_noisy(tmp_path: Path) 
 
 @pytest.mark.long
 def test_what_is_off_is_off_by_its_deviation(tmp_path: Path) -> None:
-    """Beside a camera twice as noisy as stated: 16 days, three offsets each."""
+    """Beside a camera twice as noisy as stated: six days, three offsets each."""
     squares, effects = 0.0, '"base", "tool", "joint_offset:A2,A3,A5"'
-    for seed in range(16):
+    for seed in range(6):
         scales = {"cam": 2.0, "tracker": 0.7}
         found = calib.identify(*noisy_day(
             tmp_path, "kr270", seed=seed, scales=scales, moved=(0.0, 0.0), effects=effects
@@ -442,7 +442,7 @@ def test_what_is_off_is_off_by_its_deviation(tmp_path: Path) -> None:
         at = [i for i, p in enumerate(found.model.parameters) if p.effect == "joint_offset"]
         missed = found.values[at] - OFF[[1, 2, 4]]
         squares += float(missed @ np.linalg.solve(found.covariance[np.ix_(at, at)], missed))
-    assert 29.0 < squares < 72.0, "a chi-square of 48, 19 times in 20"
+    assert 8.2 < squares < 31.5, "a chi-square of 18, 19 times in 20"
 
 
 def test_the_noise_of_an_instrument_is_told(tmp_path: Path) -> None:

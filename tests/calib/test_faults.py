@@ -24,10 +24,8 @@ LIKE_IT = {"step:base", "step:marker:ball"}
 # A camera or a board in the world that was moved is, from the readings, one with a base that was.
 CASES = [
     (TIP, "pitch", 3e-3, {f"board_scale:{PLATE}"}, "none", 3000.0),
-    (WORLD, "pitch", 3e-3, {f"board_scale:{PLATE}"}, "none", 3000.0),
     (WORLD, "focal", 3e-3, {f"focal:{EYE}"}, "none", None),
     (TIP, "camera", MOVED, {f"step:{EYE}"}, "time", None),
-    (WORLD, "camera", MOVED, {f"step:{EYE}", "step:base"}, "time", None),
     (TIP, "board", TURNED, {f"step:{PLATE}", "step:base"}, "time", None),
     (WORLD, "board", TURNED, {f"step:{PLATE}"}, "time", None),
     ("sockets", "socket", (4e-4, -3e-4, 2e-4), {"step:socket:cup"}, "time", None),
@@ -78,12 +76,12 @@ def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path) -> None
     """Though their noise is not larger where the board looks smaller, as they are taken to have it.
 
     A variance enters by chance on one clean day in twenty: it is told as scatter, and is no gap. More
-    than two of twelve would come once in fifty.
+    than one of four would come once in seventy (binomial: 1.4 %).
     """
     scatters = 0
-    for seed in range(12):
+    for seed in range(4):
         truth = Truth(np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0]), seed=seed, grows=False)
         found = calib.diagnose(*kr270_day(tmp_path, SETUPS["kr270, two"], truth, 18, 3))
         assert (found.verdict, found.causes) == ("no_gap", ())
         scatters += found.rest.kind != "none"
-    assert scatters <= 2
+    assert scatters <= 1

@@ -265,7 +265,7 @@ def test_an_arm_too_soft_to_stand_is_refused(kr270: Cell) -> None:
 
 @pytest.mark.long
 def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
-    cell, data, _, _ = rigid_day(kr270.robot, 3, 40, ON_TOOL)
+    cell, data, _, _ = rigid_day(kr270.robot, 3, 15, ON_TOOL)
     with pytest.raises(CalibError, match="check the units"):
         calib.identify(cell, replace(data, readings=data.points * 2e3))
     result = calib.identify(cell, replace(data, readings=data.points * 9.0))

@@ -125,29 +125,22 @@ def exchanged(arm: Arm, markers: int, poses: Sequence[int]) -> FileDay:
     return file_day(arm, 11, markers=markers).with_points(exchanged_at(poses))
 
 
-SOME = {
-    k: sorted(np.random.default_rng(k).choice(50, k, replace=False).tolist()) for k in (1, 6, 19)
-}
+SOME = {k: sorted(np.random.default_rng(k).choice(50, k, replace=False).tolist()) for k in (1, 19)}
 SLIDES = times(by_joint(SCARA, 1.0, Z=1e-3))
 IN_MODEL, M_FOR_MM = "to [model] effects", "points in metres for millimetres"
 Z_OR_MIRROR, ALL = "Z reversed, mirrored", range(50)
 # A day, the names of its mistakes, what the text holds, and the poses concerned where not all are.
 WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
     (lambda: points(HEAVY, 1, times([1, -1, 1])), "mirrored", "", ()),
-    (lambda: points(HEAVY, 1, times([1, 1, -1])), "mirrored", "", ()),
-    (lambda: points(HEAVY, 1, np.negative), "mirrored", "", ()),
     (lambda: points(HEAVY, 1, lambda p: p[..., [1, 0, 2]]), "mirrored", "", ()),
     # A SCARA cannot tell it from a screw that runs the other way: both are said.
     (lambda: points(SCARA, 1, times([1, -1, 1])), Z_OR_MIRROR, "", ()),
-    (lambda: points(SEVEN, 1, times([1, 1, -1])), "mirrored", "", ()),
     # With the instrument in the base frame the axis is told.
     (lambda: known(file_day()).with_points(times([1, -1, 1])), "mirrored y", "", ()),
     (lambda: known(file_day()).with_points(np.negative), "negated", "", ()),
     # A column called mm that holds metres, and the like: as the user would write them.
     (lambda: points(HEAVY, 5, times(1e-3)), M_FOR_MM, "", ()),
     (lambda: points(SCARA, 5, times(1e3), "m"), "points in millimetres for metres", "", ()),
-    (lambda: points(SCARA, 5, times(1 / 25.4)), "points in inches for millimetres", "", ()),
-    (lambda: points(HEAVY, 5, times(1 / 0.0254), "m"), "points in inches for metres", "", ()),
     (lambda: points(HEAVY, 5, times(25.4)), "points in millimetres for inches", "", ()),
     (lambda: joints(SCARA, 6, SLIDES), "slides in metres for millimetres", "", ()),
     (lambda: joints(SCARA, 6, SLIDES).with_points(times(1e-3)),
@@ -156,26 +149,18 @@ WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
      "radians in columns of deg; name the columns A1_rad", ()),
     (lambda: joints(SCARA, 7, turning(SCARA, 180 / np.pi), "rad"), "joints in degrees",
      "degrees in columns of rad; name the columns J1_deg", ()),
-    (lambda: reversed_(HEAVY, "A2"), "A2 reversed", "", ()),
     # The same arm with a free tool: half a turn of the joint before turns the axis round.
     (lambda: reversed_(HEAVY, "A5"), "A4 off by 180 deg, A5 reversed", "", ()),
-    (lambda: reversed_(HEAVY, "A6"), "A5 off by 180 deg, A6 reversed", "", ()),
-    (lambda: reversed_(SCARA, "Z"), Z_OR_MIRROR, "", ()),
-    (lambda: reversed_(SEVEN, "A3"), "A3 reversed", "", ()),
     (lambda: joints(HEAVY, 13, times(by_joint(HEAVY, 1.0, A4=-1.0))).with_points(gross),
      "A4 reversed", "", ()),
-    (lambda: zero(HEAVY, "A4", 180), "A4 off by 180 deg, A5 reversed", "", ()),
     (lambda: known(zero(HEAVY, "A1", 90)), "A1 off by 90 deg", "", ()),
-    (lambda: zero(HEAVY, "A2", 90, 1), "A2 off by 90 deg", "add -90 deg to A2", ()),
     (lambda: zero(HEAVY, "A3", -90), "A3 off by -90 deg", "add 90 deg to A3", ()),
     (lambda: zero(SCARA, "J2", 180, 1), "J2 off by 180 deg", "add 180 deg to J2", ()),
     (lambda: zero(SEVEN, "A4", 90), "A4 off by 90 deg", "add -90 deg to A4", ()),
     (lambda: joints(HEAVY, 18, off_by(HEAVY, A2=90, A3=-90)),
      "A2 off by 90 deg and A3 off by -90 deg", "", ()),
     (lambda: joints(HEAVY, 9, swapped(HEAVY, 1, 2)), "A2 and A3 swapped", "", ()),
-    (lambda: joints(HEAVY, 9, swapped(HEAVY, 4, 5)), "A5 and A6 swapped", "", ()),
     (lambda: joints(SCARA, 9, swapped(SCARA, 1, 3)), "J2 and R swapped", "", ()),
-    (lambda: joints(SEVEN, 9, swapped(SEVEN, 0, 6)), "A1 and A7 swapped", "", ()),
     (lambda: joints(HEAVY, 10, mixed(HEAVY, 2, 1, 1.0)), "A3 - A2", "", ()),
     (lambda: joints(SCARA, 10, mixed(SCARA, 1, 0, -1.0)), "J2 + J1", "", ()),
     (lambda: lacking("tool", "geometry"), "base taken as known", IN_MODEL, ()),
@@ -186,15 +171,10 @@ WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
      "m1 and m2 exchanged", "in [markers_mm]", ()),
     (lambda: pasted(HEAVY, 1, 1), "shifted by 1", "move their columns down by one pose", ()),
     (lambda: pasted(HEAVY, -1, 3), "shifted by -1", "move their columns up by one pose", ()),
-    (lambda: pasted(SCARA, 1, 3), "shifted by 1", "", ()),
-    (lambda: pasted(SEVEN, -1, 1), "shifted by -1", "", ()),
     (lambda: lost(0, 30), "shifted by 1", "", range(29)),
-    (lambda: lost(12, 50), "shifted by 1", "", range(12, 49)),
     (lambda: lost(43, 50), "shifted by 1", "", range(43, 49)),
     (lambda: exchanged(HEAVY, 2, SOME[1]), "exchanged", "markers m1 and m2 are exch", SOME[1]),
     (lambda: exchanged(HEAVY, 3, SOME[19]), "exchanged", f"at p{SOME[19][0]:03d}", SOME[19]),
-    (lambda: exchanged(SCARA, 3, SOME[6]), "exchanged", f"at p{SOME[6][0]:03d}", SOME[6]),
-    (lambda: exchanged(SEVEN, 2, SOME[19]), "exchanged", f"at p{SOME[19][0]:03d}", SOME[19]),
     # What is none: base, tool or free markers take it up; no quarter is no convention; gross errors.
     (lambda: zero(HEAVY, "A1", 90), "", "", ()),
     (lambda: joints(HEAVY, 18, off_by(HEAVY, A2=30)), "", "", ()),
@@ -223,8 +203,11 @@ def test_poses_held_out_hide_no_shift(tmp_path: Path) -> None:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(("arm", "markers"), [(HEAVY, 1), (SEVEN, 1), (SCARA, 3)])
-@pytest.mark.parametrize(("seed", "poses", "link"), [(20, 50, 0.0), (21, 12, 0.03), (22, 50, 0.1)])
+@pytest.mark.parametrize(
+    ("arm", "markers", "seed", "poses", "link"),
+    [(HEAVY, 1, 20, 50, 0.0), (SEVEN, 1, 21, 12, 0.03), (SCARA, 3, 22, 50, 0.1),
+     (HEAVY, 1, 22, 50, 0.1)],
+)  # fmt: skip
 def test_nothing_is_said_of_an_arm_that_errs(
     arm: Arm, markers: int, seed: int, poses: int, link: float, tmp_path: Path
 ) -> None:

@@ -209,15 +209,18 @@ OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])
         # A camera quieter than stated, a tracker as stated.
         pytest.param("kr270", False, 0.0, (0,), marks=pytest.mark.part),
         pytest.param("kr270", True, 1.5e-5, (9,), marks=pytest.mark.part),
-        pytest.param("kr270", False, 0.0, range(10), marks=pytest.mark.long),
-        pytest.param("kr270", True, 1.5e-5, range(10), marks=pytest.mark.long),
-        pytest.param("kr270, two", False, 0.0, range(10), marks=pytest.mark.long),
+        pytest.param("kr270", False, 0.0, range(4), marks=pytest.mark.long),
+        pytest.param("kr270", True, 1.5e-5, range(4), marks=pytest.mark.long),
+        pytest.param("kr270, two", False, 0.0, range(4), marks=pytest.mark.long),
     ],
 )
 def test_clean_days_have_nothing_systematic(
     tmp_path: Path, setup: str, grows: bool, scatter: float, seeds: range
 ) -> None:
-    """On one day in twenty chance looks like something: counted 2 of 60 for two cameras."""
+    """On one day in twenty chance looks like something: counted 2 of 60 for two cameras.
+
+    More than one of four would come once in seventy (binomial: 1.4 %).
+    """
     systematic = 0
     for seed in seeds:
         truth = Truth(OFF, seed=seed, grows=grows, scatter=scatter)
@@ -225,4 +228,4 @@ def test_clean_days_have_nothing_systematic(
         found = doe.enough(cell, data)
         lacking, now = found.lacking, found.steps[0].task_rms
         systematic += lacking.of_model > 0.5 * now
-    assert systematic <= len(seeds) // 10
+    assert systematic <= len(seeds) // 4

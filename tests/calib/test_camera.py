@@ -402,8 +402,6 @@ def noisy_day(folder: Path, setup: str, **truth: object) -> tuple[Cell, Measurem
         ("kr270", {"cam": 0.5, "tracker": 2.0}),
         ("kr270, hand", {"cam": 2.0}),
         pytest.param("kr270", {}, marks=pytest.mark.long),
-        pytest.param("kr270", {"cam": 2.0}, marks=pytest.mark.long),
-        pytest.param("kr270", {"tracker": 2.0}, marks=pytest.mark.long),
         pytest.param("kr270, two", {"left": 2.0}, marks=pytest.mark.long),
     ],
 )

@@ -36,7 +36,6 @@ CASES = [
 PLACES = {
     TIP: {EYE, PLATE},
     "6-D tracker": {MOCAP, "distance:wire"},
-    WORLD: {EYE, PLATE},
     "sockets": {f"socket:{site}" for site in SITES},
 }
 

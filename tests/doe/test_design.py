@@ -478,7 +478,7 @@ def test_plans_that_cannot_be(elastic: Cell, case: str) -> None:
 @pytest.mark.parametrize(
     ("asked", "knots", "count", "each"),
     [
-        ({"levels": "A2=3x5", "criterion": "G"}, False, 3, 5),
+        ({"levels": "A2=3x5", "criterion": "A"}, False, 3, 5),
         ({"levels": "A2=5x3", "criterion": "D"}, False, 5, 3),
         ({"levels": "A2=5x3", "criterion": "D"}, True, 5, 3),
         ({"poses": 6, "criterion": "D"}, False, 3, 2),

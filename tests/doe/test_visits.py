@@ -91,7 +91,7 @@ def test_more_markers_stop_paying_and_more_poses_pay(rigid: Cell) -> None:
 
     def rms(markers: int, poses: int, arm: Repeatability | None) -> float:
         cell = replace(some_markers(rigid, markers), repeatability=arm)
-        plan = unpolished(cell, poses=poses, candidates=300)
+        plan = unpolished(cell, poses=poses, candidates=150)
         assert plan.efficiency > 0.85
         return plan.assessment.task_rms
 

@@ -62,4 +62,4 @@ def test_a_few_neighbours(name: str, folder: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", READERS)
 def test_many_neighbours(name: str, folder: Path) -> None:
-    neighbours_keep_the_rule(name, folder, MOST.get(name, 100))
+    neighbours_keep_the_rule(name, folder, MOST.get(name, 50))

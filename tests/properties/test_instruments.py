@@ -19,7 +19,7 @@ from tests.properties.every_instrument import scene
 ALL = scene(3, 9)
 KINDS = sorted({i.kind for i in ALL.context.instruments})
 OFFSETS, TRUE = ("j2", "j4"), np.array([4e-4, -7e-4])  # rad
-_TRIALS = 8
+_TRIALS = 4
 RNG = np.random.default_rng
 OF_PARTS = [
     (kind, where)

@@ -293,7 +293,7 @@ def plan_again(table_two: Poses) -> Poses:
 @pytest.mark.long
 def test_refits_scatter_as_predicted(cell_again: Cell, plan_again: Poses) -> None:
     """Both approaches in every weighting, free and loaded in one visit, poses visited again."""
-    (found,) = compared(cell_again, {"plan": plan_again}, 160, seed=2)
+    (found,) = compared(cell_again, {"plan": plan_again}, 100, seed=2)
     assert len(found.approaches) == 4
     for own in found.approaches:
         assert own.agreement is not None
@@ -679,9 +679,9 @@ def test_a_fault_of_a_block_is_not_hidden(
     assert isinstance(done.exception, TypeError)
 
 
-# -- Predicted covariance against a thousand refits of the paper's experiment (Tables II to IV)
+# -- Predicted covariance against 400 refits of the paper's experiment (Tables II to IV)
 
-TRIALS = 1000
+TRIALS = 400
 
 
 def demonstration(cell: Cell, plan: Poses) -> SimulatedExperiment:
@@ -706,7 +706,7 @@ def test_prediction_and_simulation_agree(kr270: Cell, table_two: Poses) -> None:
     low, high = chi2.ppf([0.0005, 0.9995], TRIALS - 1) / (TRIALS - 1)
     assert (ratio > low).all(), "every variance inside its 99.9 % chi-square band"
     assert (ratio < high).all()
-    assert ratio.mean() == pytest.approx(1.0, abs=0.03), "within 3 % of the Cramer-Rao bound"
+    assert ratio.mean() == pytest.approx(1.0, abs=0.045), "within 4.5 % of the Cramer-Rao bound"
 
     whitened = np.linalg.solve(np.linalg.cholesky(cov), errors.T)
     total, dof = float((whitened**2).sum()), TRIALS * errors.shape[1]

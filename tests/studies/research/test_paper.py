@@ -181,8 +181,16 @@ def test_printed_tables() -> None:
 # -- What approach #1 loses with more markers, unknown geometry, hidden markers and tracker noise
 
 
+# Four markers in every combination; three and six where the loss is largest.
+WORST = (False, True)  # geometry known, tracker
+
+
 @pytest.mark.sampled
-@pytest.mark.parametrize("case", list(cases()), ids=str)
+@pytest.mark.parametrize(
+    "case",
+    [c for c in cases() if c.markers == 4 or ((c.known, c.tracker) == WORST and not c.hidden)],
+    ids=str,
+)
 def test_full_covariance_loses_only_with_an_unequal_unknown_geometry(case: Case) -> None:
     found = ratios(experiment_of_case(case))
     loss = found["pose full"].max() - 1.0

@@ -278,7 +278,9 @@ def _placings(model: Model, readings: tuple[Measurements, ...], near: float) -> 
         middle = len(data) // 2
         for half in (slice(None, middle), slice(middle, None)):
             sample = _some(data.take(half), _POSES)
-            if _decisive(sample) and (fit := _placed(model, sample)).fits(near, _MOST_SHIFTED):
+            if not _decisive(sample) or _affine(model, sample) > _LOOSE * near:
+                continue
+            if (fit := _placed(model, sample)).fits(near, _MOST_SHIFTED):
                 yield fit.values
 
 

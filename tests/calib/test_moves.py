@@ -208,18 +208,17 @@ def test_poses_that_do_not_say_what_an_effect_needs(effect: str, missing: str) -
 
 
 @cache
-def without(seed: int) -> tuple[Identification, Diagnosis]:
+def without() -> tuple[Identification, Diagnosis]:
     """What the first table says alone."""
-    cell, full, data, _, _ = in_turn(seed)
+    cell, full, data, _, _ = in_turn(0)
     return calib.identify(full, data), calib.diagnose(cell, data)
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("scrambled", [True, False])
-def test_estimate_and_diagnosis_are_the_same_to_the_last_digit(seed: int, scrambled: bool) -> None:
-    cell, full, data, held, rng = in_turn(seed)
-    alone, found = without(seed)
+def test_estimate_and_diagnosis_are_the_same_to_the_last_digit(scrambled: bool) -> None:
+    cell, full, data, held, rng = in_turn(0)
+    alone, found = without()
     mixed = replace(held, readings=rng.permuted(held.readings, axis=0))
     other = mixed if scrambled else held.take(slice(5))
     own, out = calib.in_one_session(data, other)

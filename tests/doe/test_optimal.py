@@ -269,7 +269,7 @@ def cosines(p: int, count: int, rng: np.random.Generator) -> Array:
     ("p", "count", "poses"),
     [
         (3, 200, 6),
-        pytest.param(9, 10_000, 20, marks=pytest.mark.long),
+        pytest.param(6, 10_000, 14, marks=pytest.mark.long),
     ],
 )
 @pytest.mark.parametrize("number", range(7), ids=["D", "A", "c", "E", "G", "Ds", "task"])

@@ -15,7 +15,7 @@ from tests.fuzz.mutate import mutated
 from tests.fuzz.readers import READERS
 
 LONGEST = 1010  # characters of a message
-MOST = {"whole": 4, "estimate": 60, "mjcf": 60}
+MOST = {"whole": 4, "estimate": 30, "mjcf": 60}
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,8 @@ def test_tables_are_read_as_they_were_written(n: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "n", [pytest.param(n, marks=() if n in (1, 4, 7) else pytest.mark.long) for n in range(1, 10)]
+    "n",
+    [pytest.param(n, marks=() if n in (1, 4, 7) else pytest.mark.long) for n in (1, 2, 4, 6, 7, 9)],
 )
 def test_identified_without_noise(n: int, tmp_path: Path) -> None:
     """Every chain is solved to the digits of the table, and the same call gives the same bytes."""

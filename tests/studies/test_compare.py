@@ -395,7 +395,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def done(folder: Path) -> Result:
     return run(
         "compare", folder / "cell.toml", folder / "plan.csv", folder / "shorter.csv",
-        "--monte-carlo", 100, "--workers", 1, "--json", folder / "out.json",
+        "--monte-carlo", 60, "--workers", 1, "--json", folder / "out.json",
         "--figures", folder / "figures",
     )  # fmt: skip
 
@@ -444,7 +444,7 @@ def test_the_answer_comes_first(done: Result) -> None:
     assert said.startswith("kr270 milling cell: Best of 2 plans: plan.csv, with an expected error")
     assert re.search(r"error of [\d.]+ mm RMS from marker points \(#2\)\.", said)
     assert "shorter.csv has to be measured" in said
-    assert "100 simulated experiments a plan" in said
+    assert "60 simulated experiments a plan" in said
     assert "Weighted by its full covariance, #1 equals #2" in said
     assert max(map(len, lines)) <= 120
 

@@ -202,13 +202,12 @@ def test_full_covariance_loses_only_with_an_unequal_unknown_geometry(case: Case)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
-def test_simulation_bears_the_losses_out(known: bool) -> None:
+def test_simulation_bears_the_losses_out() -> None:
     """The error of the shape, hidden markers and beam noise included: the hardest case.
 
-    The p-value is exact for any number of trials; of a hundred, errors a fifth too large are refuted.
+    Of a hundred trials the p-value refutes errors that are a fifth too large.
     """
-    experiment = experiment_of_case(Case(4, known, tracker=True, hidden=True))
+    experiment = experiment_of_case(Case(4, False, tracker=True, hidden=True))
     predictions = [predict(experiment, way) for way in experiment.ways]
     done = refits(experiment, predictions, 100)
     for own in predictions:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +24,7 @@ from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.poses import LAGS, Poses
-from tests.day import POPULATIONS, SMALL, day, diagnosed, families, real_data
+from tests.day import SMALL, day, diagnosed, real_data
 
 DRIFT = (60e-6 / 3600, 0.0, 0.0, 0.0, 60e-6 / 3600, 0.0)
 
@@ -43,7 +42,7 @@ def members(found: Diagnosis) -> list[list[str]]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     found = diagnosed("", 0.0, seed)
     assert (found.verdict, found.causes, found.located) == ("no_gap", (), ())
@@ -292,18 +291,6 @@ def test_rounding_and_order_change_no_small_day() -> None:
     rng, found = np.random.default_rng(0), diagnosed("", 0.0, 5, "6R", **SMALL)
     assert "transmission_harmonic:elbow" in named(found)
     assert answer(cell, rounded(shuffled(data, rng), rng)) == told(found)
-
-
-@pytest.mark.long
-def test_rounding_and_order_change_no_drawn_day(tmp_path: Path) -> None:
-    """Drawn as sealed cases are, of forty among which families are shared out."""
-    own, case, index = POPULATIONS["real_arms"], tmp_path / "case", 12
-    family = families(np.random.default_rng(0), 40, own.shares)[index]
-    own.write(case, own.draw(np.random.default_rng([0, index]), family))
-    cell = calib.load_cell(case / "cell.toml")
-    data = calib.load_measurements(cell, case / "measurements.csv")
-    rng = np.random.default_rng(index)
-    assert answer(cell, rounded(shuffled(data, rng), rng)) == answer(cell, data)
 
 
 @pytest.mark.long

@@ -98,7 +98,6 @@ def test_poses_that_do_not_count_change_nothing() -> None:
 @pytest.mark.parametrize(
     ("approaches", "readings", "scale", "approach", "place", "said"),
     [
-        (2, 1, 1.0, 0.0, 0.0, "instrument"),
         (2, 1, 1.6, 0.0, 0.0, "instrument"),
         (3, 1, 1.0, 3e-5, 0.0, "approach"),
         (3, 1, 1.0, 0.0, 3e-5, "configuration"),

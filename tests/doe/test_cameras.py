@@ -79,7 +79,7 @@ def test_every_pose_of_a_plan_shows_the_board(tables: tuple[str, str], tmp_path:
     path = kr270_cell(tmp_path, *tables, effects=EFFECTS)
     cell = load_cell(path)
     points = corners(8, 5, 0.03)
-    plan = design(cell, poses=20, candidates=500)
+    plan = design(cell, poses=12, candidates=500)
     for T in placed(cell, plan.poses.q):
         uv = pixels(points, T, FOCAL, CENTER)
         assert ((uv >= -0.01) & (uv <= np.array(SIZE) + 0.01)).all()

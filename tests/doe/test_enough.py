@@ -292,9 +292,9 @@ def came_of(cell: Cell, answer: Enough, truth: truth_day.Day) -> float:
 def test_what_is_called_reached_comes(
     effect: Callable[[np.random.Generator], Callable[[Array], Array]],
 ) -> None:
-    """Once in twenty may be wrong: of ten days, three would be a hundred to one against that."""
+    """Once in twenty may be wrong: of six days, two would be thirty to one against that."""
     wrong, promised = 0, []
-    for index in range(10):
+    for index in range(6):
         errs = effect(np.random.default_rng([index, 77]))
         cell, data, _, truth = day("6R", seed=5, index=index, poses=40, truth=errs)
         answer = enough(cell, data)
@@ -302,7 +302,7 @@ def test_what_is_called_reached_comes(
         wrong += came > answer.steps[0].task_most
         promised.append(came / answer.steps[0].task_rms)
         assert answer.steps[0].task_most >= answer.lacking.missed
-    assert wrong <= 2
+    assert wrong <= 1
     assert np.sqrt(np.mean(np.square(promised))) < 1.2
 
 

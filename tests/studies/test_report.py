@@ -250,11 +250,9 @@ def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
 
 
 PAGES = 11
-WIDTHS = (1280, 390)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_it_fits_and_asks_for_nothing(
     open_page: Callable[..., Any], html: str, width: int, scheme: str
 ) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -24,7 +25,7 @@ from calib.effects.tuned import Tuned
 from calib.errors import CalibError
 from calib.model.build import build
 from calib.poses import LAGS, Poses
-from tests.day import SMALL, day, diagnosed, real_data
+from tests.day import POPULATIONS, SMALL, day, diagnosed, families, real_data
 
 DRIFT = (60e-6 / 3600, 0.0, 0.0, 0.0, 60e-6 / 3600, 0.0)
 
@@ -291,6 +292,18 @@ def test_rounding_and_order_change_no_small_day() -> None:
     rng, found = np.random.default_rng(0), diagnosed("", 0.0, 5, "6R", **SMALL)
     assert "transmission_harmonic:elbow" in named(found)
     assert answer(cell, rounded(shuffled(data, rng), rng)) == told(found)
+
+
+@pytest.mark.long
+def test_rounding_and_order_change_no_drawn_day(tmp_path: Path) -> None:
+    """Drawn as sealed cases are."""
+    own, case = POPULATIONS["first"], tmp_path / "case"
+    family = families(np.random.default_rng(0), 40, own.shares)[3]
+    own.write(case, own.draw(np.random.default_rng([0, 3]), family))
+    cell = calib.load_cell(case / "cell.toml")
+    data = calib.load_measurements(cell, case / "measurements.csv")
+    rng = np.random.default_rng(3)
+    assert answer(cell, rounded(shuffled(data, rng), rng)) == answer(cell, data)
 
 
 @pytest.mark.long

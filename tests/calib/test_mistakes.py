@@ -141,6 +141,8 @@ WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
     # A column called mm that holds metres, and the like: as the user would write them.
     (lambda: points(HEAVY, 5, times(1e-3)), M_FOR_MM, "", ()),
     (lambda: points(SCARA, 5, times(1e3), "m"), "points in millimetres for metres", "", ()),
+    (lambda: points(SCARA, 5, times(1 / 25.4)), "points in inches for millimetres", "", ()),
+    (lambda: points(HEAVY, 5, times(1 / 0.0254), "m"), "points in inches for metres", "", ()),
     (lambda: points(HEAVY, 5, times(25.4)), "points in millimetres for inches", "", ()),
     (lambda: joints(SCARA, 6, SLIDES), "slides in metres for millimetres", "", ()),
     (lambda: joints(SCARA, 6, SLIDES).with_points(times(1e-3)),
@@ -149,6 +151,7 @@ WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
      "radians in columns of deg; name the columns A1_rad", ()),
     (lambda: joints(SCARA, 7, turning(SCARA, 180 / np.pi), "rad"), "joints in degrees",
      "degrees in columns of rad; name the columns J1_deg", ()),
+    (lambda: reversed_(HEAVY, "A2"), "A2 reversed", "", ()),
     # The same arm with a free tool: half a turn of the joint before turns the axis round.
     (lambda: reversed_(HEAVY, "A5"), "A4 off by 180 deg, A5 reversed", "", ()),
     (lambda: joints(HEAVY, 13, times(by_joint(HEAVY, 1.0, A4=-1.0))).with_points(gross),

@@ -82,7 +82,7 @@ def environment(where: Path, wanted: str) -> Path:
         said_by([sys.executable, "-m", "venv", str(where)], INSTALL_S)
         # Not from source: a build that works today says little about tomorrow.
         pip = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-        said_by([*pip, "--prefer-binary", wanted], INSTALL_S)
+        said_by([*pip, "--prefer-binary", *wanted.split()], INSTALL_S)
         done.write_text(wanted)
     return python
 

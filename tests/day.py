@@ -33,7 +33,7 @@ from studies.demo.embedded import embedded_cell
 from studies.research.bench import real_data
 from studies.research.sealed.draw import Case
 from studies.research.sealed.key import write_case
-from studies.research.sealed.seal import POPULATIONS
+from studies.research.sealed.seal import POPULATIONS, families
 from studies.research.sealed.visible import Projector
 from studies.research.sealed.weights import chance as name_chance
 from studies.research.sealed.weights import fitted as name_weights
@@ -47,7 +47,7 @@ from studies.research.truth.scene import Scene, at_rest, draw_scene
 from tests.helpers import cell_of, read_by, with_effects
 
 __all__ = [
-    "HEAVY", "LIGHT", "LIMITED_SEVEN", "POPULATIONS", "Arm", "Floor", "Mechanism",
+    "HEAVY", "LIGHT", "LIMITED_SEVEN", "POPULATIONS", "Arm", "Floor", "Mechanism", "families",
     "name_chance", "name_weights", "real_data",
 ]  # fmt: skip
 

@@ -23,6 +23,7 @@ import calib
 from calib.arrays import Array
 from calib.motion.diagnose import products_of
 from calib.motion.fit import MotionModel, fit
+from calib.motion.gram import FILE, LOSSES
 from calib.motion.motions import Motions
 from doe import design_motions
 from doe.motions.draw import Motion, drawn
@@ -30,7 +31,6 @@ from doe.motions.information import MEMORY, RESIDUAL, USUAL, information
 from studies.research.bench import Output, Row, bench, count, data_folder, rms, table
 from studies.research.motions import read
 from studies.research.peers.__main__ import environment, said_by
-from studies.research.peers.drive_figaroh_excitation import RATE
 
 _TERMS = ("torque_offset", "coulomb_friction", "viscous_friction", "armature")
 
@@ -60,7 +60,7 @@ def exciting(cell: calib.Cell, folder: Path, count: int, like: Motion) -> list[M
     said_by([*run, str(answer)], _LIMIT)
     none, found = np.zeros((0, cell.robot.dof)), list[Motion]()
     for q in np.load(answer)["q"]:
-        path = CubicSpline(np.arange(len(q)) / RATE, q, bc_type="clamped")
+        path = CubicSpline(np.linspace(0.0, like.lasts, len(q)), q, bc_type="clamped")
         found.append(Splined(q[0], none, none, 0.0, like.lasts, like.payload, path))
     return found
 
@@ -77,7 +77,7 @@ def refitted(
             noise = _coloured(rng, len(run), n, run.step)
             runs.append(replace(run, name=f"r{k}", effort=run.effort + RESIDUAL * torque * noise))
         day = products_of(cell, Motions(tuple(runs)), whole=True)
-        each = [day.columns.variants(0, kind)[0] for kind in _TERMS]
+        each = [(k, FILE) if k in LOSSES else day.columns.variants(0, k)[0] for k in _TERMS]
         model = MotionModel((tuple(each),) * n, (False,) * n, inertials="inertials", ridge=1e-3)
         found.append(np.concatenate(fit(day, model, 1.0 / torque**2).b))
     return np.asarray(np.std(found, axis=0, ddof=1))

@@ -24,6 +24,14 @@ from tests.helpers import all_seen
 from tests.studies.command_line import paper_cell
 
 
+def test_normals_of_markers_have_length_one(tmp_path: Path) -> None:
+    old = "m1 = [279.2, -16.4, -91.9]"
+    faced = "m1 = { position = [279.2, -16.4, -91.9], normal = [0, 3, -4] }"
+    cell = cell_with(tmp_path, old=old, new=faced)
+    assert cell.marker_normals[0] == pytest.approx([0.0, 0.6, -0.8])
+    assert np.isnan(cell.marker_normals[1:]).all()
+
+
 def cell_with(folder: Path, robot: str = "", more: str = "", old: str = "", new: str = "") -> Cell:
     """The embedded cell with lines added to [robot], tables at the end, and words replaced."""
     path = paper_cell(folder)

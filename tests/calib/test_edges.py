@@ -180,6 +180,8 @@ EDGES: list[tuple[Callable[[Cell], Any], str]] = [
      "data: has 2 channels, and the cell 3"),
     (lambda c: Measurements.of(Q, POINTS[:, 0]),
      r"points: have shape \(20, 3\), expected \(poses, markers, 3\)"),
+    (lambda c: Measurements.of(Q, POINTS, sigma=np.full((20, 2), 1e-5)),
+     r"sigma: has shape \(20, 2\), expected \(20, 3\) or one number"),
     (lambda c: calib.identify(c, "no.csv"), "no.csv: cannot be read"),
     (lambda c: calib.diagnose(c, Q), "data: .* is no Measurements; name a file"),
     (lambda c: calib.identify("cell.toml", Q), "cell: 'cell.toml' is none"),

@@ -107,6 +107,8 @@ def cell_of(path: Path) -> Cell:
     [
         ({"j2": 'armature=".6"'}, {("armature", "j2"): 0.6}),
         ({"j3": 'damping="2.5"'}, {("viscous_friction", "j3"): 2.5}),
+        ({"j2": 'damping="3" armature=".6"'},
+         {("viscous_friction", "j2"): 3.0, ("armature", "j2"): 0.6}),
         ({"j1": 'frictionloss="1.5"', "j4": 'frictionloss=".7"'},
          {("coulomb_friction", "j1"): 1.5, ("coulomb_friction", "j4"): 0.7}),
     ],
@@ -236,6 +238,7 @@ def still(row: str) -> str:
         (lambda rows: [unsigned(row) for row in rows], "never negative"),
         (lambda rows: [still(row) for row in rows], "no run in which a joint moves"),
         (lambda rows: [rows[0] + ",1"], "fields, the header"),
+        (lambda rows: [], "has a header and no rows; add the samples"),
     ],
 )
 def test_wrong_tables_are_refused_in_one_line(tmp_path: Path, edit: object, said: str) -> None:

@@ -73,7 +73,9 @@ def to_std(value: float | None, std: float | None) -> str:
 
 
 def share(value: float | None) -> str:
-    """A part of a whole, in per cent."""
+    """A part of a whole, in per cent; what is hardly there is not called nothing."""
+    if value is not None and 0.0 < value < 0.005:
+        return "< 1 %"
     return "-" if value is None else f"{100.0 * value:.0f} %"
 
 

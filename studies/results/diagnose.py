@@ -146,12 +146,6 @@ class FoundCause(NamedCause):
         others = len(self.alike) - 1
         return f"{self.key} (or {others} others)" if others > 1 else self.names
 
-    @property
-    def stated(self) -> str:
-        """The same with its share of the error in per cent."""
-        share = self.share_of_gap
-        return f"{self.brief} ({100.0 * share:.0f} %)" if share else self.brief
-
 
 def place(where: str, tip: str) -> str:
     """A place as results name it: what ends at the tip belongs to the tool."""

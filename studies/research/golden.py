@@ -69,7 +69,7 @@ def cases(out: Path) -> dict[str, list[str]]:
     return {**found, "sealed": [f"sealed {step}" for step in steps]}
 
 
-@click.group(help=__doc__)
+@click.group(help=(__doc__ or "").replace("\n\n", "\n\n\b\n"))
 def main() -> None:
     """Group of both steps."""
 

@@ -18,7 +18,7 @@ from studies.research.sealed.score import shown
 _FOLDER = click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 
 
-@click.group(help=__doc__)
+@click.group(help=(__doc__ or "").replace("\n\n", "\n\n\b\n"))
 def main() -> None:
     """Group of the three steps."""
 

@@ -47,11 +47,12 @@ def load_cell(path: str | Path) -> Cell:
     table = cell_table(path)
     robot = _robot(path, table)
     try:
-        of_poses, of_motions = parted(table.model.effects)
+        of_poses, of_motions = parted(table.model.effects, table.robot.anchors)
         for text in of_poses:
             parse_effect(text)
     except UnknownEffect as error:
         raise InputError(path, "model.effects", str(error)) from None
+    not_poses, not_motions = parted(table.diagnosis.exclude, table.robot.anchors)
     shapes = {name: _shape(path, name, board) for name, board in table.boards.items()}
     bodies, seats = _bodies(table, shapes), _seats(table)
     slices = _slices(len(table.markers_mm), (*bodies.values(), *seats.values()))
@@ -97,10 +98,10 @@ def load_cell(path: str | Path) -> Cell:
             table.motion.cutoff,
             table.robot.torque_constants,
             of_motions,
-            parted(table.diagnosis.exclude)[1],
+            not_motions,
         ),
     )
-    cell = replace(cell, excluded=_excluded(cell, parted(table.diagnosis.exclude)[0]))
+    cell = replace(cell, excluded=_excluded(cell, not_poses))
     return with_targets(cell, cast("str | None", table.design.targets))
 
 

@@ -7,7 +7,7 @@ and URDF call it. A new law of friction is one such class and one entry in ``KIN
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -266,9 +266,26 @@ of the torque."""
 NAMES = (*EFFECTS, PAYLOAD, INERTIALS, SCALE)
 
 
-def parted(effects: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What ``[model] effects`` names of poses, and of motions; loads and springs belong to both."""
-    named = [(text, text.partition(":")[0].strip()) for text in effects]
-    both = (PAYLOAD, GravityCompensator.kind)
-    poses = tuple(text for text, name in named if name in both or name not in NAMES)
-    return poses, tuple(text for text, name in named if name in NAMES)
+def parted(
+    effects: Sequence[str], sprung: Collection[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What ``[model] effects`` names of poses, and of motions.
+
+    A payload belongs to both; so does a compensator, to motions at joints whose anchors are stated.
+
+    sprung : these joints
+    """
+    poses, motions = list[str](), list[str]()
+    for text in effects:
+        name, _, where = (part.strip() for part in text.partition(":"))
+        if name == GravityCompensator.kind:
+            poses.append(text)
+            asked = [own.strip() for own in where.split(",")] if where else sprung
+            if places := [joint for joint in asked if joint in sprung]:
+                motions.append(f"{name}:{','.join(places)}")
+            continue
+        if name == PAYLOAD or name not in NAMES:
+            poses.append(text)
+        if name in NAMES:
+            motions.append(text)
+    return tuple(poses), tuple(motions)

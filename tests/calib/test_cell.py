@@ -32,6 +32,17 @@ def test_normals_of_markers_have_length_one(tmp_path: Path) -> None:
     assert np.isnan(cell.marker_normals[1:]).all()
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_compensator_is_a_term_of_torques_where_its_anchors_are_stated(
+    stated: bool, tmp_path: Path
+) -> None:
+    anchors = "[robot.compensators_mm]\nA2 = { before = [-686, 0, 123], after = [185, 0, 0] }\n"
+    old = 'effects = ["base", "tool",'
+    cell = cell_with(tmp_path, more=anchors * stated, old=old, new=f'{old} "gravity_compensator",')
+    assert "gravity_compensator" in cell.effects
+    assert cell.motion.effects == (("gravity_compensator:A2",) if stated else ())
+
+
 def cell_with(folder: Path, robot: str = "", more: str = "", old: str = "", new: str = "") -> Cell:
     """The embedded cell with lines added to [robot], tables at the end, and words replaced."""
     path = paper_cell(folder)

@@ -82,7 +82,7 @@ class Truth:
             self.model.body_quat[body] = np.roll(turned.as_quat(), 1)
 
     def poses(self, joints: tuple[str, ...], q: Array) -> Iterator[Truth]:
-        """Itself at joints (m, n) in turn."""
+        """The robot at joints (m, n), one after the other."""
         where = [self.model.joint(name).qposadr[0] for name in joints]
         for own in q:
             self.data.qpos[where] = own
@@ -300,6 +300,7 @@ def executed(name: str, days: int, seed: int) -> Row:
         found = calib.identify(cell, data)
         values = dict(zip((p.id for p in found.model.parameters), found.values, strict=True))
         fits.append([values[p.id] for p in model.parameters])
+    # Rows turn with the instrument, and the plan does not know where it truly stands.
     mean = np.mean(fits, axis=0)
     rows = target_rows(model, mean, plan.problem.targets)
     missed = np.square(rows @ (np.array(fits) - mean).T).sum(axis=1).T @ plan.problem.target_weights

@@ -56,7 +56,7 @@ def exciting(cell: calib.Cell, folder: Path, count: int, like: Motion) -> list[M
     driver = Path(__file__).parent / "peers" / "drive_figaroh_excitation.py"
     urdf, answer = data_folder("ur10e_motion") / "robot.urdf", folder / "excitation.npz"
     joints = ",".join(cell.robot.joints)
-    run = [str(python), "-P", str(driver), str(urdf), joints, str(count), str(like.lasts)]
+    run = [str(python), str(driver), str(urdf), joints, str(count), str(like.lasts)]
     said_by([*run, str(answer)], _LIMIT)
     none, found = np.zeros((0, cell.robot.dof)), list[Motion]()
     for q in np.load(answer)["q"]:

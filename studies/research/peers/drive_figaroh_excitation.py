@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from drive_figaroh_motions import identification
 from figaroh.optimal.base_optimal_trajectory import (
     BaseOptimalTrajectory,
     BaseTrajectoryIPOPTProblem,
@@ -33,31 +34,16 @@ class Excitation(BaseOptimalTrajectory):  # type: ignore[misc]
 
 
 def settings(place: Path, joints: list[str], lasts: float) -> Path:
-    """FIGAROH's configuration: base parameters with friction, armature and offset of every joint."""
-    zeros = [0.0] * len(joints)
-    of = {"joints": {"active_joints": joints}}
-    identification = {
-        **of,
-        "type": "dynamic_identification",
-        "mechanics": {
-            "friction_coefficients": {"viscous": zeros, "static": zeros},
-            "actuator_inertias": zeros, "joint_offsets": zeros,
-            "reduction_ratios": [1.0] * len(joints),
-        },
-        "coupling": {"has_coupled_wrist": False},
-        "problem": {"model_components": {
-            "friction": True, "actuator_inertia": True, "joint_offset": True}},
-        "signal_processing": {"sampling_frequency": 2.0 * RATE, "cutoff_frequency": 8.0},
-    }  # fmt: skip
+    """FIGAROH's configuration."""
     trajectory = {
-        **of,
         "type": "optimal_trajectory",
+        "joints": {"active_joints": joints},
         "problem": {"max_iterations": ITERATIONS, "segment_attempts": 3},
         "trajectory": {
             "waypoints": WAYPOINTS, "frequency": RATE, "segment_duration": lasts / (WAYPOINTS - 1)
         },
     }  # fmt: skip
-    tasks = {"identification": identification, "optimal_trajectory": trajectory}
+    tasks = {"identification": identification(joints), "optimal_trajectory": trajectory}
     # JSON is YAML too.
     place.write_text(json.dumps({"robot": {"name": "robot"}, "tasks": tasks}))
     return place

@@ -43,10 +43,10 @@ class Identification(BaseIdentification):  # type: ignore[misc]
         return np.asarray(self.raw_data["torques"]).ravel(order="F")
 
 
-def settings(folder: Path, joints: list[str]) -> Path:
-    """FIGAROH's configuration."""
+def identification(joints: list[str]) -> dict[str, Any]:
+    """FIGAROH's task: base parameters with friction, armature and offset of every joint."""
     zeros = [0.0] * len(joints)
-    task = {
+    return {
         "type": "dynamic_identification",
         "joints": {"active_joints": joints},
         "mechanics": {
@@ -59,9 +59,14 @@ def settings(folder: Path, joints: list[str]) -> Path:
             "friction": True, "actuator_inertia": True, "joint_offset": True}},
         "signal_processing": {"sampling_frequency": 100.0, "cutoff_frequency": 8.0},
     }  # fmt: skip
+
+
+def settings(folder: Path, joints: list[str]) -> Path:
+    """FIGAROH's configuration."""
     path = folder / "figaroh_motions.yaml"
+    tasks = {"identification": identification(joints)}
     # JSON is YAML too.
-    path.write_text(json.dumps({"robot": {"name": "ur10e"}, "tasks": {"identification": task}}))
+    path.write_text(json.dumps({"robot": {"name": "ur10e"}, "tasks": tasks}))
     return path
 
 

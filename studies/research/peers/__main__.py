@@ -23,7 +23,7 @@ from studies.research.peers.work import Work, write_work
 
 HERE = Path(__file__).parent
 INSTALL_S, RUN_S = 420.0, 240.0  # after which one is left out
-PROGRAMS = {"posecal": "", "scipy": "", "figaroh": "figaroh==1.0.2"}
+PROGRAMS = {"posecal": "", "figaroh": "figaroh==1.0.2"}
 """What each needs beside this interpreter."""
 _SHOWN = ("program", "way", "free", "seconds", "x posecal", "fitted [mm]", "held out [mm]")
 

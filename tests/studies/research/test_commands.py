@@ -1,4 +1,4 @@
-"""Commands of research: comparing golden results, a peer, sentences that are counted."""
+"""Commands of research: comparing golden results, sentences that are counted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ pytest.importorskip("mujoco")
 
 from studies.research.claims import SENTENCES, Said, main, summaries
 from studies.research.golden import differences
-from studies.research.peers.drive_scipy import Arm
 from studies.research.truth.day import ARMS, SIGMA, Setting, draw_day
 
 OLD = {"rms_mm": {"heldout": 0.058}, "effects": [{"where": "A2", "std": 1e-3}], "seconds": 3.0}
@@ -36,21 +35,6 @@ OLD = {"rms_mm": {"heldout": 0.058}, "effects": [{"where": "A2", "std": 1e-3}], 
 )
 def test_what_moved_is_found(new: dict[str, Any], kinds: list[str]) -> None:
     assert [kind for kind, _ in differences(OLD, new, 1e-12)] == kinds
-
-
-# -- The floor beside posecal: its analytic Jacobian is that of its points
-
-
-def test_scipy_driver_has_the_jacobian_of_its_points() -> None:
-    rng = np.random.default_rng(0)
-    w = rng.normal(size=(3, 3))
-    w /= np.linalg.norm(w, axis=1, keepdims=True)
-    q = rng.uniform(-1, 1, size=(4, 3))
-    arm = Arm(w, rng.normal(size=(3, 3)), q, np.zeros((4, 2, 3)))
-    x = 0.1 * rng.normal(size=18)
-    steps = 1e-6 * np.eye(18)
-    slopes = [(arm.errors(x + s) - arm.errors(x - s)) / 2e-6 for s in steps]
-    np.testing.assert_allclose(arm.jacobian(x), np.transpose(slopes), atol=1e-8)
 
 
 # -- Sentences that are counted: what a day asks, and how it is summed up

@@ -52,7 +52,7 @@ def changes(
     with options.faults_in(after_path), working("comparing the days"):
         before, after = (_day(days[path]) for path in paths)
         found = change.changes(cell, before, after, estimate)
-    names, made_from = (before_path.name, after_path.name), call.envelope(cell.name, inputs)
+    names, made_from = (before_path.name, after_path.name), call.envelope(cell, inputs)
     call.deliver(ChangesResult.of(found, estimate, names, tolerance_mm, made_from))
 
 

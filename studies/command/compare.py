@@ -56,4 +56,4 @@ def compare(
         working("simulated experiments", total=trials * len(plans)) as progress,
     ):
         found = compared(cell, plans, trials, seed=call.seed, executor=executor, progress=progress)
-    call.deliver(CompareResult.of(cell, found, trials, call.envelope(cell.name, inputs)))
+    call.deliver(CompareResult.of(cell, found, trials, call.envelope(cell, inputs)))

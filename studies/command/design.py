@@ -111,7 +111,7 @@ def design(
             seed=call.seed,
             **asked,  # poses, criterion, levels, curve
         )
-    result = DesignResult.of(found, cell, call.envelope(cell.name, inputs))
+    result = DesignResult.of(found, cell, call.envelope(cell, inputs))
     table = plan_csv(cell, found.poses, np.array(shown_levels(found)))
     call.deliver(result, {} if plan_path is None else {plan_path: table})
 

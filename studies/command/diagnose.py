@@ -103,7 +103,7 @@ def foresee_plan(call: Call, cell: Cell, plan_path: Path) -> None:
     plan = load(cell, plan_path)
     with options.faults_in(plan_path, effects_of=cell.path), working("looking ahead"):
         found = foresee(cell, plan)
-    call.deliver(PlanResult.of(found, cell, call.envelope(cell.name, inputs)))
+    call.deliver(PlanResult.of(found, cell, call.envelope(cell, inputs)))
 
 
 def _notes(made: Extended, found: Diagnosis) -> Iterator[str]:

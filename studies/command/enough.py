@@ -55,6 +55,6 @@ def enough(
     ):
         answer = doe.enough(cell, day.data, plan, heldout=day.heldout, goal=goal)
     call.deliver(EnoughResult.of(
-        answer, cell, call.envelope(cell.name, inputs),
+        answer, cell, call.envelope(cell, inputs),
         planned=0 if plan is None else len(plan), warnings=day.warnings,
     ))

@@ -92,6 +92,8 @@ def test_poses_that_do_not_count_change_nothing() -> None:
     alone = known.take(kept).mixing(weighted[kept])(rows[kept])
     np.testing.assert_allclose(mixed[kept], alone, atol=1e-9)
     assert not mixed[~kept].any()
+    apart = LinearProblem.of_rows(rows, known.mixing(hidden)).independent[1]
+    np.testing.assert_array_equal(apart, mixed.reshape(len(apart), -1))
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ pytest.importorskip("mujoco")
 
 import calib
 from calib.arm import statics
+from calib.arm.se3 import rotate
 from calib.cell import Cell, Repeatability
 from calib.instruments.tracker import Tracker
 from calib.noise import Noise
@@ -22,6 +23,7 @@ from studies.research.truth.causes import Cause
 from studies.research.truth.day import Setting, draw_day, write_day
 from studies.research.truth.effects import formula_of
 from studies.research.truth.mechanism import frame_columns
+from studies.research.truth.noise import growing
 from studies.research.truth.scene import at_rest
 from tests.studies.research.sealed.scenes import as_files, case_of, scene_of
 
@@ -217,6 +219,16 @@ def test_weights(bug: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     cell, data, _ = measured(tmp_path / "day", 0.0, 0)
     factor = calib.identify(cell, data).noise.factor
     assert (abs(np.log(factor)) > 0.3) if bug else (abs(np.log(factor)) < 0.1)
+
+
+def test_weights_by_range_and_beam() -> None:
+    """A tracker's noise grows with range and is smallest along the beam: two programs, one weight."""
+    rng = np.random.default_rng(0)
+    truth = growing(rng, 1e-5)
+    points, off = rng.normal(size=(20, 3)) * 4.0, rng.normal(size=(20, 3)) * 1e-5
+    noise = Noise(truth.along, truth.across, across_per_m=truth.across_per_m)
+    white = rotate(noise.whitening(points, np.full(20, np.nan)), off)
+    np.testing.assert_allclose(white, truth.whitened(off, points), rtol=1e-9)
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0])

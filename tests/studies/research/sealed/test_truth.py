@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("mujoco")
 
@@ -224,11 +225,14 @@ def test_weights(bug: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_weights_by_range_and_beam() -> None:
     """A tracker's noise grows with range and is smallest along the beam: two programs, one weight."""
     rng = np.random.default_rng(0)
-    truth = growing(rng, 1e-5)
-    points, off = rng.normal(size=(20, 3)) * 4.0, rng.normal(size=(20, 3)) * 1e-5
+    truth, place = growing(rng, 1e-5), rng.normal(size=6)
+    points, off = rng.normal(size=(20, 1, 3)) * 2.0, rng.normal(size=(20, 1, 3)) * 1e-5
+    stands = np.array([4.0, -1.0, 1.5])
     noise = Noise(truth.along, truth.across, across_per_m=truth.across_per_m)
-    white = rotate(noise.whitening(points, np.full(20, np.nan)), off)
-    np.testing.assert_allclose(white, truth.whitened(off, points), rtol=1e-9)
+    tracker, turn = Tracker(noise=noise, stands=stands), Rotation.from_rotvec(place[3:]).as_matrix()
+    W = tracker.whitening(place, points @ turn.T + place[:3], np.full((20, 1), np.nan))
+    white = truth.whitened(off, (points - stands) @ turn.T)
+    np.testing.assert_allclose(rotate(W, off), white, rtol=1e-9)
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0])

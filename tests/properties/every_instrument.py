@@ -9,7 +9,7 @@ import numpy as np
 from calib import Cell
 from calib.arm.se3 import inverse, so3_exp, so3_log, transform
 from calib.arrays import Array
-from calib.effects import EFFECTS, Context
+from calib.effects import Context
 from calib.effects.protocol import Effect
 from calib.instruments import (
     ArmCamera,
@@ -27,7 +27,7 @@ from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses
-from tests.helpers import GRAVITY, cell_of, random_poses, random_robot
+from tests.helpers import GRAVITY, cell_of, model_of, random_poses, random_robot
 from tests.plain_arm import tips
 
 LENS = Lens(np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01]))
@@ -46,29 +46,20 @@ class Scene:
 
     def model(self, *effects: Effect, of: str = "") -> Model:
         """The instruments, or those of one kind, at unknown places, with these effects."""
-        context = self.context
-        read = tuple(i for i in context.instruments if of in ("", i.kind))
-        stands = replace(context, instruments=read)
-        base = [EFFECTS["base"].at(stands, w) for w in EFFECTS["base"].places(stands)]
-        return Model(
-            context.robot,
-            context.marker_names,
-            context.markers,
-            (*base, *effects),
-            context.payload,
-            context.gravity,
-            read,
-        )
+        stands = model_of(replace(self.context, instruments=self.read(of)), ["base"])
+        return stands.with_effects((*stands.effects, *effects))
+
+    def read(self, kind: str) -> tuple[Instrument, ...]:
+        return tuple(i for i in self.context.instruments if kind in ("", i.kind))
 
     def cell(self, kind: str, *effects: str) -> Cell:
         """With the instruments of one kind."""
         context = self.context
-        read = tuple(i for i in context.instruments if i.kind == kind)
         return replace(
             cell_of(context.robot, context.markers, effects),
             marker_names=context.marker_names,
             bodies=context.bodies,
-            instruments=read,
+            instruments=self.read(kind),
         )
 
     def at(self, model: Model) -> Array:
@@ -76,12 +67,16 @@ class Scene:
         values = model.initial
         for effect, part in model.parts:
             if effect.kind == "base":
-                values[part] = self.places[effect.where]
+                place = self.places[effect.where]
+                values[part.start : part.start + len(place)] = place
         return values
 
 
-def scene(seed: int, count: int) -> Scene:
-    """Two markers, a body, a camera and a board on the tip; two boards and three sockets beside it."""
+def scene(seed: int, count: int, free: bool = False) -> Scene:
+    """Two markers, a body, a camera and a board on the tip; two boards and three sockets beside it.
+
+    free : whether no lens is known
+    """
     rng = np.random.default_rng(seed)
     robot = random_robot(rng, 5)
     poses = random_poses(rng, robot, count)
@@ -103,7 +98,7 @@ def scene(seed: int, count: int) -> Scene:
     names = ["m1", "m2"] + [f"{b}{e}" for b in ("flange", "eye") for e in ("", ":x", ":y")]
     names += [f"plate:{i}" for i in range(len(plate))]
     bodies = {"flange": slice(2, 5), "eye": slice(5, 8), "plate": slice(8, 15)}
-    given = {"lens": LENS, "sigma": 0.2}
+    given = {"lens": LENS, "sigma": 0.2, "free": np.arange(9 if free else 0)}
     boards = (Board("tiles", slice(0, 5), tiles), Board("solid", slice(5, 11), solid))
     instruments: tuple[Instrument, ...] = (
         Tracker(name="laser", markers=(0, 1), noise=Noise.isotropic(2e-5)),

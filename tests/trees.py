@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +36,15 @@ class Joint:
     mass: float
     com: Array
 
+    @classmethod
+    def drawn(
+        cls, rng: np.random.Generator, name: str, kind: str, parent: str, child: str
+    ) -> Joint:
+        """About a random axis, anywhere near its parent."""
+        axis, (xyz, rpy) = rng.normal(size=3), rng.uniform(-0.5, 0.5, (2, 3))
+        mass, com = rng.uniform(1.0, 5.0), rng.normal(size=3) * 0.1
+        return cls(name, kind, parent, child, xyz, rpy, axis / np.linalg.norm(axis), mass, com)
+
     @property
     def text(self) -> str:
         words = {
@@ -62,33 +71,32 @@ class Joint:
         return T @ frame(q * np.concatenate([self.axis * slides, self.axis * turns]))
 
 
+def chain(rng: np.random.Generator, kinds: Mapping[str, str]) -> list[Joint]:
+    """Joints by name, each on the one before: link root carries l_<first>, and so on."""
+    joints: list[Joint] = []
+    for name, kind in kinds.items():
+        parent = joints[-1].child if joints else "root"
+        joints.append(Joint.drawn(rng, name, kind, parent, f"l_{name}"))
+    return joints
+
+
 def random_tree(seed: int) -> tuple[list[Joint], list[str]]:
     """Joints, parents first, and the names of those that lead from link c0 to the tip."""
     rng = np.random.default_rng(seed)
-    joints: list[Joint] = []
-
-    def add(name: str, kind: str, parent: str, child: str) -> None:
-        axis = rng.normal(size=3)
-        numbers = rng.uniform(-0.5, 0.5, (2, 3)), rng.uniform(1.0, 5.0), rng.normal(size=3) * 0.1
-        (xyz, rpy), mass, com = numbers
-        joints.append(
-            Joint(name, kind, parent, child, xyz, rpy, axis / np.linalg.norm(axis), mass, com)
-        )
-
     count = int(rng.integers(3, 7))
-    chain = [f"k{i + 1}" for i in range(count)]
-    add("k0", "revolute", "root", "c0")
-    for i, name in enumerate(chain):
-        add(name, KINDS[int(rng.integers(4)) if i else 0], f"c{i}", f"c{i + 1}")
+    joints = [Joint.drawn(rng, "k0", "revolute", "root", "c0")]
+    for i in range(count):
+        kind = KINDS[int(rng.integers(4)) if i else 0]
+        joints.append(Joint.drawn(rng, f"k{i + 1}", kind, f"c{i}", f"c{i + 1}"))
     links = ["root", *(f"c{i}" for i in range(count + 1))]
     for number in range(12):
-        parent = links[int(rng.integers(len(links)))]
-        add(f"s{number}", KINDS[int(rng.integers(4))], parent, f"b{number}")
+        parent, kind = links[int(rng.integers(len(links)))], KINDS[int(rng.integers(4))]
+        joints.append(Joint.drawn(rng, f"s{number}", kind, parent, f"b{number}"))
         links.append(f"b{number}")
-    return joints, chain
+    return joints, [f"k{i + 1}" for i in range(count)]
 
 
-def placed(joints: list[Joint], values: dict[str, float]) -> dict[str, Array]:
+def placed(joints: list[Joint], values: Mapping[str, float]) -> dict[str, Array]:
     """Every link's frame in that of the root."""
     found = {"root": np.eye(4)}
     for joint in joints:

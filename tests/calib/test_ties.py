@@ -32,27 +32,14 @@ from calib.prediction.commands import Goal, reach, tip_of
 from doe.candidates import drawn
 from studies.command.program import program_text
 from tests.helpers import all_seen, cell_of, cell_text, random_robot
-from tests.trees import Joint, placed
+from tests.trees import Joint, chain, placed, urdf
 
 MARKERS = np.array([[0.1, 0.0, 0.05], [-0.05, 0.09, 0.05], [-0.05, -0.08, 0.07]])
 
 
-def chain(seed: int, rows: Sequence[tuple[str, str]], beside: str = "") -> list[Joint]:
-    """Joints by name and kind, each on the one before, but for one that stands beside them."""
-    rng, joints, parent = np.random.default_rng(seed), [], "base"
-    for name, kind in rows:
-        axis = rng.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        xyz, rpy, com = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1, 1, 3), rng.normal(size=3) * 0.1
-        joints.append(Joint(name, kind, parent, f"l_{name}", xyz, rpy, axis, 2.0, com))
-        parent = parent if name == beside else f"l_{name}"
-    return joints
-
-
 def at(joints: list[Joint], link: str, values: Mapping[str, float]) -> Array:
     """Where a link stands, (3,), m, of joints with these values."""
-    rooted = [replace(j, parent="root") if j.parent == "base" else j for j in joints]
-    return placed(rooted, dict(values))[link][:3, 3]
+    return placed(joints, values)[link][:3, 3]
 
 
 # -- A column of two slides and a tilt that follow the lift, and an arm of six on it
@@ -61,16 +48,19 @@ def at(joints: list[Joint], link: str, values: Mapping[str, float]) -> Array:
 @pytest.fixture(params=["inside", "outside"])
 def arm(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Robot, list[Joint]]:
     """Inside: the lift is the first joint of the chain; outside: it stands beside it."""
-    rows = [("lift", "prismatic"), ("a", "prismatic"), ("b", "revolute")]
-    rows += [(f"j{k}", "revolute") for k in range(1, 7)]
-    joints = chain(3, rows, "lift" if request.param == "outside" else "")
-    text = "".join(j.text for j in joints).replace("</joint>", "{}</joint>")
-    mimics = ["", '<mimic joint="lift" multiplier="0.5" offset="-0.2"/>',
-              '<mimic joint="a" multiplier="-0.5" offset="0.3"/>', *6 * [""]]  # fmt: skip
-    text = f'<robot name="r"><link name="base"/>{text.format(*mimics)}</robot>'
-    text = text.replace('lower="-2" upper="2"', 'lower="0.1" upper="1.7"', 1)
+    kinds = {"lift": "prismatic", "a": "prismatic", "b": "revolute"}
+    kinds |= {f"j{k}": "revolute" for k in range(1, 7)}
+    joints = chain(np.random.default_rng(3), kinds)
+    if request.param == "outside":
+        joints[1] = replace(joints[1], parent="root")
+    mimics = {"a": 'joint="lift" multiplier="0.5" offset="-0.2"',
+              "b": 'joint="a" multiplier="-0.5" offset="0.3"'}  # fmt: skip
+    text = urdf(joints).replace('lower="-2" upper="2"', 'lower="0.1" upper="1.7"', 1)
+    for name, of in mimics.items():
+        start = f'<joint name="{name}" type="{kinds[name]}">'
+        text = text.replace(start, f"{start}<mimic {of}/>")
     (tmp_path / "arm.urdf").write_text(text)
-    return load_urdf(tmp_path / "arm.urdf", "base", "l_j6"), joints
+    return load_urdf(tmp_path / "arm.urdf", "root", "l_j6"), joints
 
 
 def follows(robot: Robot, q: Array) -> bool:
@@ -223,13 +213,12 @@ def test_the_published_column_and_one_joint_in_its_place_are_identified_alike(
 # -- A joint that two others move
 
 LEVEL = "[robot.coupled.c]\nof = { a = -1, b = -0.5 }\noffset_deg = 10.0\n"
-SEVEN = chain(5, [(name, "prismatic" if name == "g" else "revolute") for name in "abcdefg"])
+SEVEN = chain(np.random.default_rng(5), dict.fromkeys("abcdef", "revolute") | {"g": "prismatic"})
 
 
 def coupled_cell(folder: Path, tables: str = LEVEL) -> Cell:
-    text = '<robot name="r"><link name="base"/>' + "".join(j.text for j in SEVEN) + "</robot>"
-    (folder / "arm.urdf").write_text(text)
-    robot = 'urdf = "arm.urdf"\nbase = "base"\ntip = "l_g"\n'
+    (folder / "arm.urdf").write_text(urdf(SEVEN))
+    robot = 'urdf = "arm.urdf"\nbase = "root"\ntip = "l_g"\n'
     (folder / "cell.toml").write_text(cell_text(robot + tables))
     return load_cell(folder / "cell.toml")
 

@@ -130,8 +130,23 @@ def test_tips_and_torques_are_those_of_mujoco(tmp_path: Path, seed: int, form: s
             np.testing.assert_allclose(R @ frames.R[i, number], turn, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int) -> None:
+def seated(model: Model, under: int) -> Model:
+    """The model with a tracker in the axes of one of its tips' links, as well."""
+    count = len(model.markers)
+    own = Tracker(name="rider", markers=tuple(range(count)), seat=slice(count, count + 3))
+    return replace(
+        model,
+        markers=np.concatenate([model.markers, corners_of(np.eye(3), np.zeros(3))]),
+        marker_names=(*model.marker_names, "o", "x", "y"),
+        marker_frames=np.concatenate([model.marker_frames, 3 * [under]]),
+        instruments=(own,),
+    )
+
+
+@pytest.mark.parametrize(
+    ("seed", "rides"), [*((k, False) for k in range(8)), *((k, True) for k in range(4))]
+)
+def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int, rides: bool) -> None:
     """Against differences of the prediction, the arm bent by its weight, a load and a wrench."""
     tree = Tree(tmp_path, seed)
     robot, payload = tree.robot, Payload(1.5, (0.0, 0.02, 0.05))
@@ -141,16 +156,13 @@ def test_derivatives_of_every_effect_on_a_tree(tmp_path: Path, seed: int) -> Non
     if seed % 4 > 1:  # drives that move several joints
         robot = replace(tree.coupled()[0], loaded=robot.loaded)
     poses = replace(tree.poses, q=robot.tied(tree.poses.q))
-    arm = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload")
+    arm = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload", "base_drift")
     kinds = (*arm, "bearing_compliance", "gravity_sag", "thermal_expansion", "joint_coupling")
     model = tree.carried(kinds, robot, payload=payload)
+    model = seated(model, robot.dof + 1) if rides else model
     values = tree.rng.normal(size=len(model.parameters)) * model.sizes * 0.3
     soft = model.where(EFFECTS["joint_compliance"], EFFECTS["bearing_compliance"])
     values[soft] = np.abs(values[soft])
-    assert_derivatives(model, poses, values)
-
-
-def assert_derivatives(model: Model, poses: Poses, values: Array) -> None:
     _, J = model.jacobian(values, poses)
     numeric = central_difference(lambda v: model.predict(v, poses), values, model.sizes * 1e-2)
     assert np.abs((J - numeric) * model.sizes).max() < 1e-9
@@ -201,22 +213,6 @@ def test_loads_weigh_on_the_joints_that_carry_their_link(tmp_path: Path, seed: i
             np.testing.assert_allclose(own - none, expected, atol=1e-9)
 
 
-# -- What a link sees of another
-
-
-def seated(model: Model, under: int) -> Model:
-    """The model with a tracker in the axes of one of its tips' links, as well."""
-    count = len(model.markers)
-    own = Tracker(name="rider", markers=tuple(range(count)), seat=slice(count, count + 3))
-    return replace(
-        model,
-        markers=np.concatenate([model.markers, corners_of(np.eye(3), np.zeros(3))]),
-        marker_names=(*model.marker_names, "o", "x", "y"),
-        marker_frames=np.concatenate([model.marker_frames, 3 * [under]]),
-        instruments=(own,),
-    )
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_a_link_sees_of_another_is_what_mujoco_has_between_them(
     tmp_path: Path, seed: int
@@ -237,15 +233,6 @@ def test_what_a_link_sees_of_another_is_what_mujoco_has_between_them(
         for j, frame in enumerate(tree.tips):
             moves = robot.carries[joint, under] != robot.carries[joint, frame]
             assert moves or np.abs(J[:, j, :, k]).max() < 1e-14 * robot.reach * 100.0
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_derivatives_of_what_a_link_sees(tmp_path: Path, seed: int) -> None:
-    tree = Tree(tmp_path, seed)
-    kinds = ("base", "tool", "geometry", "joint_compliance", "link_weight", "payload", "base_drift")
-    model = seated(tree.carried(kinds), tree.robot.dof + 1)
-    values = np.abs(tree.rng.normal(size=len(model.parameters))) * model.sizes * 0.3
-    assert_derivatives(model, tree.poses, values)
 
 
 # -- Two hands on a torso
@@ -345,8 +332,12 @@ def body_positions(text: str, names: Sequence[str], q: Array, qpos: object = sli
     return np.array(out)
 
 
-def test_a_corrected_urdf_leads_to_the_same_markers(kr270: Cell, table_two: Poses) -> None:
-    cell = with_effects(kr270, "base", "tool", "geometry")
+@pytest.mark.parametrize("effects", [("base", "tool", "geometry"), ("base", "geometry")])
+def test_a_corrected_urdf_leads_to_the_same_markers(
+    kr270: Cell, table_two: Poses, tmp_path: Path, effects: tuple[str, ...]
+) -> None:
+    """With known markers its last fixed joint is corrected; the file reads back as a robot."""
+    cell, path = with_effects(kr270, *effects), tmp_path / "out.urdf"
     data, _, _ = simulated(cell, table_two, 3)
     result = calib.identify(cell, data)
     markers = dict(zip(cell.marker_names, result.marker_positions, strict=True))
@@ -355,23 +346,12 @@ def test_a_corrected_urdf_leads_to_the_same_markers(kr270: Cell, table_two: Pose
     in_base = body_positions(text, [f"marker_{name}" for name in markers], data.poses.q)
     ((_, part),) = result.model.of(Base)
     R, p = Tracker.placement(result.values[part])
-    readings = in_base @ R.T + p
-    np.testing.assert_allclose(readings, result.model.predict(result.values, data.poses), atol=1e-9)
-
-
-def test_a_corrected_urdf_without_tool_moves_the_tip(kr270: Cell, tmp_path: Path) -> None:
-    """With known markers the last fixed joint is corrected; the file reads back as a robot."""
-    rng, marker = np.random.default_rng(1), np.array([0.1, 0.0, 0.2])
-    corrections = rng.normal(size=(8, 6)) * 1e-3
-    text = corrected_urdf(kr270.robot_files[0], kr270.robot, corrections, {"m": marker})
-    (tmp_path / "out.urdf").write_text(text)
-    again = load_urdf(tmp_path / "out.urdf", "base_link", "tool0")
-    q = rng.uniform(-1, 1, (5, 6))
-    corrections[0] = 0.0
-    displaced = forward(kr270.robot, q, corrections)
-    np.testing.assert_allclose(forward(again, q).o[:, -1], displaced.o[:, -1], atol=1e-12)
-    expected = displaced.o[:, -1] + displaced.R[:, -1] @ marker
-    np.testing.assert_allclose(body_positions(text, ["marker_m"], q)[:, 0], expected, atol=1e-9)
+    predicted = result.model.predict(result.values, data.poses)
+    np.testing.assert_allclose(in_base @ R.T + p, predicted, atol=1e-9)
+    path.write_text(text)
+    again = forward(load_urdf(path, "base_link", "tool0"), data.poses.q)
+    displaced = forward(kr270.robot, data.poses.q, corrections)
+    np.testing.assert_allclose(again.o[:, -1], displaced.o[:, -1], atol=1e-12)
 
 
 # -- Cells of trees: read, refused, written

@@ -11,7 +11,6 @@ import pytest
 
 import calib
 from calib import Cell, Identification, Measurements, Poses
-from calib.arm.robot import Robot
 from calib.arm.se3 import so3_exp
 from calib.arrays import Array
 from calib.errors import CalibError, TooFewPoses
@@ -19,6 +18,7 @@ from calib.identification.start import initial_values
 from calib.model.build import build
 from tests.day import ON_TOOL, RIGID, anywhere, erring, rigid_day
 from tests.helpers import cell_of, random_robot, simulated, with_effects
+from tests.touched_arm import parallel
 
 NOISE = np.sqrt(3) * 1e-5  # m, 3-D RMS of readings
 
@@ -105,24 +105,17 @@ def test_a_robot_far_from_its_model_still_converges(kr270: Cell) -> None:
     assert result.rms("fitted") < 2.0 * NOISE
 
 
-def in_a_plane(rng: np.random.Generator, dof: int, prismatic: tuple[int, ...] = ()) -> Robot:
-    """Parallel axes and slides along them."""
-    robot = random_robot(rng, dof, prismatic)
-    origins = robot.origins.copy()
-    origins[:, :3, :3] = np.eye(3)
-    return replace(robot, axes=np.tile([0.0, 0.0, 1.0], (dof, 1)), origins=origins)
+ARMS = {"scara": (4, (3,), True), "planar": (2, (), True), "one joint": (1, (), False)}
 
 
-@pytest.mark.parametrize("arm", ["scara", "planar", "one joint"])
+@pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("approach", ["points", pytest.param("pose", marks=pytest.mark.long)])
 def test_arms_whose_base_and_markers_hide_each_other(arm: str, approach: str) -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        robot = {
-            "scara": lambda rng: in_a_plane(rng, 4, (3,)),
-            "planar": lambda rng: in_a_plane(rng, 2),
-            "one joint": lambda rng: random_robot(rng, 1),
-        }[arm](rng)
+        dof, prismatic, flat = ARMS[arm]
+        robot = random_robot(rng, dof, prismatic)
+        robot = parallel(robot) if flat else robot
         cell = cell_of(robot, ON_TOOL, RIGID)
         data, _ = erring(cell, anywhere(cell, rng, 30), rng, 0.3)
         result = calib.identify(cell, data, approach=approach)  # type: ignore[arg-type]

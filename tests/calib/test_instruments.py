@@ -336,10 +336,7 @@ def test_place_and_bodies_without_a_guess(seed: int, bodies: int, known: bool) -
 def test_axes_that_are_all_parallel(seed: int) -> None:
     """They leave a shift along them open between place and body; the poses are met all the same."""
     rng = np.random.default_rng(seed)
-    robot = random_robot(rng, 3)
-    origins = robot.origins.copy()
-    origins[1:3, :3, :3] = np.eye(3)
-    robot = replace(robot, axes=np.tile([0.0, 0.0, 1.0], (3, 1)), origins=origins)
+    robot = touched.parallel(random_robot(rng, 3))
     q = rng.uniform(-2.0, 2.0, (15, 3))
     T = frame(anywhere(rng)) @ tips(robot, q) @ frame(anywhere(rng))
     found = calib.identify(with_bodies(robot, ("base", "tool")), of_bodies(q, T))

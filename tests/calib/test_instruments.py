@@ -377,26 +377,3 @@ def test_approach_pose_is_for_points() -> None:
     data = of_bodies(q, seen_from(q, np.zeros(6), np.zeros(6)))
     with pytest.raises(calib.CalibError, match="use approach points"):
         calib.identify(with_bodies(), data, approach="pose")
-
-
-HELD_OUT = {
-    "fr3_eye_in_hand": (1.6, 4.2), "positioner_poses": (0.44, 1.0), "iiwa7_torque": (0.70, 4.0)
-}  # fmt: skip
-NOMINAL = {"fr3_eye_in_hand": (4.54, 12.1), "positioner_poses": (0.458, 0.98)}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", list(HELD_OUT))
-def test_real_poses(data: Path, name: str) -> None:
-    cell = calib.load_cell(data / name / "cell.toml")
-    table = calib.load_measurements(cell, data / name / "measurements.csv")
-    found = []
-    for seed in range(10 if name == "positioner_poses" else 5):
-        kept, held = table.split(0.3, np.random.default_rng(seed))
-        result = calib.identify(cell, kept, heldout=held)
-        assert result.status == "converged"
-        found.append([rms["heldout"] for rms in result.by_instrument.values()])
-    assert (np.median(found, axis=0) <= HELD_OUT[name]).all()
-    if name in NOMINAL:
-        nominal = [rms["nominal"] for rms in calib.identify(cell, table).by_instrument.values()]
-        np.testing.assert_allclose(nominal, NOMINAL[name], rtol=0.01)

@@ -73,12 +73,12 @@ def sights(
 
 
 def tabled(
-    cell: Cell, folder: Path, q: Array, rows: Rows, columns: tuple[str, ...] = ("u_px", "v_px")
+    cell: Cell, q: Array, rows: Rows, columns: tuple[str, ...] = ("u_px", "v_px")
 ) -> Measurements:
     """Rows through a table, with the time and a temperature that falls again while time goes on."""
     time = 360.0 * np.arange(len(q))
     heat = 22.0 + 4.0 * np.sin(1.7 * time / 3600.0)
-    path = folder / "measurements.csv"
+    path = cell.path.with_name("measurements.csv")
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         joints = [f"{joint}_deg" for joint in cell.robot.joints]
@@ -140,7 +140,7 @@ def photographed(on: str, folder: Path, cause: str, size: Sizes, seed: int) -> D
         camera, board = T @ fault.moved(EYE, "camera"), fault.moved(floor, "board")
     points, lens = TILES * (1.0 + fault.of("pitch")), LENS.copy()
     lens[:2] *= 1.0 + fault.of("focal")
-    data = tabled(cell, folder, q, sights("eye", "plate", points, board, camera, rng, lens))
+    data = tabled(cell, q, sights("eye", "plate", points, board, camera, rng, lens))
     return Day(cell, data, None, OFF)
 
 
@@ -166,7 +166,7 @@ def with_a_length(
     fault, q, rng = Fault(cause, size, 60), spread(seed, 60), np.random.default_rng(seed)
     d = of(at_ball(true_tips(cell, q))) + rng.normal(scale=SIGMA_MM * 1e-3, size=len(q))
     d = d + fault.of("zero") * fault.after_noon
-    data = tabled(cell, folder, q, [(i, name, "ball", 1e3 * x) for i, x in enumerate(d)], ("d_mm",))
+    data = tabled(cell, q, [(i, name, "ball", 1e3 * x) for i, x in enumerate(d)], ("d_mm",))
     return Day(cell, data, None, OFF)
 
 
@@ -187,7 +187,7 @@ def with_a_body(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
         rows.append((i, "mocap", "plate", *p, *turn, ""))
         rows.append((i, "wire", "ball", *[""] * 7, 1e3 * d[i]))
     columns = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "d_mm")
-    return Day(cell, tabled(cell, folder, q, rows, columns), None, OFF)
+    return Day(cell, tabled(cell, q, rows, columns), None, OFF)
 
 
 def in_sockets(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
@@ -199,7 +199,7 @@ def in_sockets(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
     goal = goal + rng.normal(scale=SIGMA_MM * 1e-3, size=goal.shape)
     q, there = led_to(spread(seed, 72, 0.7), lambda q: at_ball(true_tips(cell, q)), goal)
     rows = [(i, SITES[site[i]], "ball") for i in np.flatnonzero(there)]
-    return Day(cell, tabled(cell, folder, q, rows, ()), None, OFF)
+    return Day(cell, tabled(cell, q, rows, ()), None, OFF)
 
 
 SCENES: dict[str, Callable[[Path, str, Sizes, int], Day]] = {

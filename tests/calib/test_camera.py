@@ -63,7 +63,7 @@ def watched(
     q = spread(1, count)
     C, rng = looking(middle(cell, q), STANDS), None if seed is None else np.random.default_rng(seed)
     rows = sights("cam", "b", shape, true_tips(cell, q) @ scenes.PLATE, C, rng)
-    return cell, tabled(cell, cell.path.parent, q, rows)
+    return cell, tabled(cell, q, rows)
 
 
 def off_by(found: calib.Identification) -> tuple[Array, Array]:
@@ -218,7 +218,7 @@ def test_single_points_in_many_images(written: Write) -> None:
     rows = sights("cam", "b", SOLID, true_tips(cell, q) @ X, C)
     seen = [[row for row in rows if row[0] == i] for i in range(90)]
     alone = [own[int(rng.integers(len(own)))] for own in seen if own]
-    assert_true(calib.identify(cell, tabled(cell, cell.path.parent, q, alone)), 1e-7)
+    assert_true(calib.identify(cell, tabled(cell, q, alone)), 1e-7)
 
 
 def test_markers_and_two_cameras(written: Write) -> None:
@@ -231,7 +231,7 @@ def test_markers_and_two_cameras(written: Write) -> None:
         C = looking(middle(cell, q), np.array([3.5, y, 2.0]))
         seen = sights(name, "", spheres, true_tips(cell, q), C)
         rows += [(i, name, str(marker)[1:], *uv) for i, _, marker, *uv in seen]
-    found = calib.identify(cell, tabled(cell, cell.path.parent, q, rows))
+    found = calib.identify(cell, tabled(cell, q, rows))
     assert_true(found, 1e-7)
     np.testing.assert_allclose(found.marker_positions, spheres, atol=1e-6)
     assert found.model.scaleless
@@ -246,7 +246,7 @@ def test_a_camera_on_the_arm(written: Write, boards: int) -> None:
     floor = true_tips(cell, scenes.HOME[None])[0] @ scenes.EYE @ scenes.AHEAD
     C = true_tips(cell, q) @ scenes.EYE
     rows = [row for name, own in shapes.items() for row in sights("eye", name, own, floor, C)]
-    data = tabled(cell, cell.path.parent, q, rows)
+    data = tabled(cell, q, rows)
     assert_true(calib.identify(cell, data), 1e-7)
     cell.path.with_name("again.csv").write_text(measurements_csv(cell, data))
     again = calib.load_measurements(cell, cell.path.with_name("again.csv"))
@@ -324,7 +324,7 @@ def test_a_point_that_is_no_points_of_its_board(written: Write) -> None:
     rows = [(0, "cam", "b:p0", 9.0, 9.0), (1, "cam", "b:p20", 9.0, 9.0)]
     said = r"line 3.*'b:p20' is no point of \[boards.b\]; its points are b:p0, .*b:p11 \.\."
     with pytest.raises(InputError, match=said):
-        tabled(cell, cell.path.parent, spread(1, 2), rows)
+        tabled(cell, spread(1, 2), rows)
 
 
 def test_a_deviation_of_its_own(written: Write) -> None:
@@ -333,7 +333,7 @@ def test_a_deviation_of_its_own(written: Write) -> None:
 
     def loaded(column: str, *given: float | str) -> Measurements:
         rows = [(i, "cam", f"b:p{i}", 9.0, 8.0, own) for i, own in enumerate(given)]
-        return tabled(cell, cell.path.parent, q, rows, ("u_px", "v_px", column))
+        return tabled(cell, q, rows, ("u_px", "v_px", column))
 
     data = loaded("sigma_px", 0.5, "")
     np.testing.assert_array_equal(data.sigma[data.seen], [0.5, np.nan])

@@ -124,18 +124,14 @@ def test_without_a_column_one_line_says_what_to_add(
         loaded(robot, tmp_path / "t.csv", turns(np.zeros((2, 6))))
 
 
-def test_what_is_drawn_keeps_to_it_and_within_all_limits(arm: tuple[Robot, list[Joint]]) -> None:
-    robot, _ = arm
-    here = cell(robot)
-    assert follows(robot, here.robot.sobol(50))
-    assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
-
-
-def test_a_plan_keeps_to_it_and_tells_the_master(
+def test_what_is_drawn_and_planned_keeps_to_it(
     arm: tuple[Robot, list[Joint]], tmp_path: Path
 ) -> None:
+    """And within all limits; a table of a plan tells the master."""
     robot, _ = arm
     here = replace(cell(robot), design=Planned())
+    assert follows(robot, here.robot.sobol(50))
+    assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
     plan = doe.design(here, poses=14, criterion="D", candidates=100)
     assert follows(robot, plan.poses.q)
     text = plan_csv(here, plan.poses)
@@ -145,8 +141,7 @@ def test_a_plan_keeps_to_it_and_tells_the_master(
     np.testing.assert_allclose(load_plan(here, tmp_path / "plan.csv").q, plan.poses.q, atol=1e-9)
     with pytest.raises(InputError, match="6 after them at most, each with a drive"):
         program_text(".src", "p", here, plan.poses, "plan.csv", [])
-    said = "levels of b: it moves with lift; give levels of"
-    with pytest.raises(CalibError, match=said):
+    with pytest.raises(CalibError, match="levels of b: it moves with lift; give levels of"):
         doe.design(here, levels="b=2x3", candidates=100)
 
 

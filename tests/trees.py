@@ -80,20 +80,25 @@ def chain(rng: np.random.Generator, kinds: Mapping[str, str]) -> list[Joint]:
     return joints
 
 
-def random_tree(seed: int) -> tuple[list[Joint], list[str]]:
-    """Joints, parents first, and the names of those that lead from link c0 to the tip."""
+def random_tree(seed: int) -> tuple[list[Joint], str, list[str]]:
+    """Joints, parents first, the tip of a chain from link c0, and further links below c0."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 7))
     joints = [Joint.drawn(rng, "k0", "revolute", "root", "c0")]
     for i in range(count):
         kind = KINDS[int(rng.integers(4)) if i else 0]
         joints.append(Joint.drawn(rng, f"k{i + 1}", kind, f"c{i}", f"c{i + 1}"))
-    links = ["root", *(f"c{i}" for i in range(count + 1))]
+    links, tip = ["root", *(joint.child for joint in joints)], f"c{count}"
     for number in range(12):
         parent, kind = links[int(rng.integers(len(links)))], KINDS[int(rng.integers(4))]
         joints.append(Joint.drawn(rng, f"s{number}", kind, parent, f"b{number}"))
         links.append(f"b{number}")
-    return joints, [f"k{i + 1}" for i in range(count)]
+    below = ["c0"]
+    for joint in joints:
+        if joint.parent in below:
+            below.append(joint.child)
+    others = rng.permutation([link for link in below if link != tip])
+    return joints, tip, others[: int(rng.integers(1, 4))].tolist()
 
 
 def placed(joints: list[Joint], values: Mapping[str, float]) -> dict[str, Array]:
@@ -170,14 +175,3 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
     if tip != "link":
         lines.append(f'<{tip} name="tip" {pose()}/>')
     return "\n".join([*lines, "</body>" * depth, "</worldbody></mujoco>", ""])
-
-
-def tips_of(joints: list[Joint], tip: str, seed: int) -> list[str]:
-    """Links at random below c0 beside a tip, at most three."""
-    below = ["c0"]
-    for joint in joints:
-        if joint.parent in below:
-            below.append(joint.child)
-    others = [link for link in below if link != tip]
-    rng = np.random.default_rng(seed)
-    return rng.permutation(others)[: int(rng.integers(1, 4))].tolist()

@@ -39,7 +39,7 @@ from tests.helpers import (
     simulated,
     with_effects,
 )
-from tests.trees import as_mjcf, in_mujoco, placed, random_tree, read, tips_of, urdf
+from tests.trees import as_mjcf, in_mujoco, placed, random_tree, read, urdf
 
 SEEDS = [*range(5), *(pytest.param(k, marks=pytest.mark.long) for k in range(5, 12))]
 
@@ -56,9 +56,7 @@ class Tree:
     """A random robot, and MuJoCo's of the same file, a URDF or an MJCF."""
 
     def __init__(self, folder: Path, seed: int, form: str = "urdf") -> None:
-        joints, chain = random_tree(seed)
-        tip = f"c{len(chain)}"
-        others = tips_of(joints, tip, seed)
+        joints, tip, others = random_tree(seed)
         self.rng = np.random.default_rng(seed)
         self.model: Any = in_mujoco(urdf(joints))
         self.robot: Robot = read(folder, joints, tip, others)
@@ -360,11 +358,11 @@ def test_a_corrected_urdf_leads_to_the_same_markers(
 def tree_cell(
     folder: Path, on: str, robot: str = 'urdf = "tree.urdf"', more: str = "", seed: int = 3
 ) -> Path:
-    joints, chain = random_tree(seed)
+    joints, tip, _ = random_tree(seed)
     (folder / "tree.urdf").write_text(urdf(joints))
     (folder / "tree.xml").write_text(as_mjcf(urdf(joints)))
     (folder / "cell.toml").write_text(
-        f'schema = 1\n[robot]\n{robot}\nbase = "c0"\ntip = "c{len(chain)}"\n[markers_mm]\n'
+        f'schema = 1\n[robot]\n{robot}\nbase = "c0"\ntip = "{tip}"\n[markers_mm]\n'
         f'right = [100, 20, 50]\nleft = {{ position = [80, -30, 40], on = "{on}" }}\n'
         f'[instrument]\nsigma_mm = 0.01\n{more}[model]\neffects = ["base", "tool", "geometry"]\n'
     )
@@ -373,9 +371,8 @@ def tree_cell(
 
 def ends(seed: int = 3) -> tuple[str, str]:
     """The robot's tip, and another."""
-    joints, chain = random_tree(seed)
-    tip = f"c{len(chain)}"
-    return tip, tips_of(joints, tip, seed)[0]
+    _, tip, others = random_tree(seed)
+    return tip, others[0]
 
 
 def test_markers_and_loads_ride_on_the_links_that_the_cell_names(tmp_path: Path) -> None:
@@ -451,8 +448,8 @@ def test_shapes_beside_the_chain_go_with_the_link_that_carries_them(
     tmp_path: Path, seed: int
 ) -> None:
     """All beside the chain, and beyond its tip, is held at zero."""
-    joints, chain = random_tree(seed)
-    robot = read(tmp_path, joints, f"c{len(chain)}")
+    joints, tip, _ = random_tree(seed)
+    robot = read(tmp_path, joints, tip)
     T, owner = placed(joints, {}), {"c0": "base"}
     for joint in joints:
         if joint.parent in owner:

@@ -77,7 +77,7 @@ class Stands:
 
 @dataclass(frozen=True)
 class Setup:
-    """Cameras and boards by name before a KR 270; tracker : three markers on the tip are read, too."""
+    """Cameras and boards by name; tracker : three markers on the tip are read, too."""
 
     cameras: Mapping[str, Stands]
     boards: Mapping[str, Stands]

@@ -157,11 +157,13 @@ def over_the_table(ball: Array) -> Array:
     return np.asarray(ball @ normal / np.linalg.norm(normal) - 0.9)
 
 
-def with_a_length(
-    name: str, kind: str, of: Callable[[Array], Array], folder: Path, cause: str, size: Sizes,
-    seed: int,
-) -> Day:  # fmt: skip
+# From a drum on the floor to the ball; how high the ball stands over a table.
+LENGTHS = {"wire": ("distance", from_the_drum), "table": ("plane", over_the_table)}
+
+
+def with_a_length(name: str, folder: Path, cause: str, size: Sizes, seed: int) -> Day:
     """One number a pose, of the ball; from noon a zero more where that is the cause."""
+    kind, of = LENGTHS[name]
     cell = written(folder, f'[instruments.{name}]\nkind = "{kind}"\nsigma_mm = {SIGMA_MM}\n')
     fault, q, rng = Fault(cause, size, 60), spread(seed, 60), np.random.default_rng(seed)
     d = of(at_ball(true_tips(cell, q))) + rng.normal(scale=SIGMA_MM * 1e-3, size=len(q))
@@ -205,9 +207,8 @@ def in_sockets(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
 SCENES: dict[str, Callable[[Path, str, Sizes, int], Day]] = {
     "camera in the world": partial(photographed, "world"),
     "camera on the tip": partial(photographed, "tip"),
-    # From a drum on the floor to the ball; how high the ball stands over a table.
-    "wire": partial(with_a_length, "wire", "distance", from_the_drum),
-    "gauge": partial(with_a_length, "table", "plane", over_the_table),
+    "wire": partial(with_a_length, "wire"),
+    "gauge": partial(with_a_length, "table"),
     "6-D tracker": with_a_body,
     "sockets": in_sockets,
 }

@@ -53,8 +53,10 @@ def arm(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Robot, list[Joi
     joints = chain(np.random.default_rng(3), kinds)
     if request.param == "outside":
         joints[1] = replace(joints[1], parent="root")
-    mimics = {"a": 'joint="lift" multiplier="0.5" offset="-0.2"',
-              "b": 'joint="a" multiplier="-0.5" offset="0.3"'}  # fmt: skip
+    mimics = {
+        "a": 'joint="lift" multiplier="0.5" offset="-0.2"',
+        "b": 'joint="a" multiplier="-0.5" offset="0.3"',
+    }
     text = urdf(joints).replace('lower="-2" upper="2"', 'lower="0.1" upper="1.7"', 1)
     for name, of in mimics.items():
         start = f'<joint name="{name}" type="{kinds[name]}">'

@@ -272,7 +272,7 @@ def test_a_soft_joint_of_one_arm_is_found_among_those_of_both() -> None:
 
 @pytest.mark.parametrize("tip", ["right_hand", pytest.param("left_hand", marks=pytest.mark.long)])
 def test_two_hands_are_identified_together_and_brought_into_place(tip: str) -> None:
-    """Without noise what was put in comes out, of one fit; commands bring the hand that is named."""
+    """Without noise what was put in comes out of one fit; commands bring the named hand."""
     cell, poses, truth = two_hands(1)
     cell = replace(cell, robot=replace(cell.robot, limits=np.tile([-3.0, 3.0], (10, 1))))
     robot, model = cell.robot, build(cell, poses).model

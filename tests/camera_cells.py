@@ -13,33 +13,17 @@ from calib.arrays import Array
 from studies.demo.embedded import embedded_text
 
 LENS = np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01])
-
-
-def camera_cell(
-    board: str, camera: str, urdf: str = "r.urdf", base: str = "base", tip: str = "tip"
-) -> str:
-    """The text of a cell.
-
-    board, camera : keys of ``[boards.b]`` and ``[instruments.cam]``, beside those that all share
-    """
-    return f"""schema = 1
-[robot]
-urdf = "{urdf}"
-base = "{base}"
-tip = "{tip}"
-[boards.b]
-on = "tip"
-{board}
-[instruments.cam]
-kind = "camera"
-{camera}
-[model]
-effects = ["base", "tool"]
-"""
-
-
 PINHOLE = "focal_px = 1000\ncenter_px = [479.5, 359.5]\nsigma_px = 0.1"
 """The camera of :mod:`tests.photographs`."""
+
+
+def camera_cell(board: str, camera: str, urdf: str, base: str, tip: str) -> str:
+    """The text of a cell; board, camera : keys of ``[boards.b]`` and ``[instruments.cam]``."""
+    return (
+        f'schema = 1\n[robot]\nurdf = "{urdf}"\nbase = "{base}"\ntip = "{tip}"\n'
+        f'[boards.b]\non = "tip"\n{board}\n[instruments.cam]\nkind = "camera"\n{camera}\n'
+        '[model]\neffects = ["base", "tool"]\n'
+    )
 
 
 def board_text(name: str, on: str, points: Array) -> str:

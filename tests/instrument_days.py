@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -71,12 +73,12 @@ def sights(
 
 
 def tabled(
-    cell: Cell, folder: Path, q: Array, rows: Rows, columns: tuple[str, ...] = ("u_px", "v_px")
+    cell: Cell, q: Array, rows: Rows, columns: tuple[str, ...] = ("u_px", "v_px")
 ) -> Measurements:
     """Rows through a table, with the time and a temperature that falls again while time goes on."""
     time = 360.0 * np.arange(len(q))
     heat = 22.0 + 4.0 * np.sin(1.7 * time / 3600.0)
-    path = folder / "measurements.csv"
+    path = cell.path.with_name("measurements.csv")
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         joints = [f"{joint}_deg" for joint in cell.robot.joints]
@@ -99,90 +101,75 @@ def written(folder: Path, *tables: str, ball: bool = True) -> Cell:
 # -- Scenes, and what may be wrong there
 
 
-def _after_noon(count: int) -> Array:
-    return np.arange(count) >= 0.55 * count
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """What is wrong, from the start or from noon on; count : of the poses."""
+
+    cause: str
+    size: Sizes
+    count: int
+
+    def of(self, what: str, shape: tuple[int, ...] = ()) -> Array:
+        """Its size where that is the cause, else nothing."""
+        return np.array(self.size) if self.cause == what else np.zeros(shape)
+
+    @property
+    def after_noon(self) -> Array:
+        return np.arange(self.count) >= 0.55 * self.count
+
+    def moved(self, T: Array, what: str) -> Array:
+        """A frame, at noon moved in its own axes by (m, rad) where that is the cause, (m, 4, 4)."""
+        return np.where(self.after_noon[:, None, None], T @ frame(self.of(what, (6,))), T)
 
 
-def _moved(T: Array, cause: str, what: str, size: Sizes, count: int) -> Array:
-    """A frame, at noon moved in its own axes by (m, rad) where that is the cause, (m, 4, 4)."""
-    by = frame(np.array(size if cause == what else (0.0,) * 6))
-    return np.where(_after_noon(count)[:, None, None], T @ by, T)
+def photographed(on: str, folder: Path, cause: str, size: Sizes, seed: int) -> Day:
+    """A camera on a tripod looks at a board on the tip, or one on the tip at a board on the floor.
 
-
-def _pictures(
-    folder: Path, cell: Cell, q: Array, camera: Array, board: Array, cause: str, size: Sizes,
-    rng: np.random.Generator,
-) -> Day:  # fmt: skip
-    """Focal length and pitch are larger than stated by a share where they are the cause."""
-    points = TILES * (1.0 + float(size)) if cause == "pitch" else TILES  # type: ignore[arg-type]
-    lens = LENS.copy()
-    lens[:2] *= 1.0 + (float(size) if cause == "focal" else 0.0)  # type: ignore[arg-type]
-    data = tabled(cell, folder, q, sights("eye", "plate", points, board, camera, rng, lens))
+    Focal length and pitch are larger than stated by a share where they are the cause.
+    """
+    fault, rng = Fault(cause, size, 45), np.random.default_rng(seed)
+    other = {"world": "tip", "tip": "world"}[on]
+    cell = written(folder, board_text("plate", other, TILES), camera_text("eye", on), ball=False)
+    q = spread(seed, fault.count, 0.5 if on == "world" else 0.3)
+    T = true_tips(cell, q)
+    if on == "world":
+        stands = looking(T[:, :3, 3].mean(axis=0), np.array([3.6, -1.2, 2.2]))
+        camera, board = fault.moved(stands, "camera"), T @ fault.moved(PLATE, "board")
+    else:
+        floor = tips(cell.robot, HOME[None])[0] @ EYE @ AHEAD
+        camera, board = T @ fault.moved(EYE, "camera"), fault.moved(floor, "board")
+    points, lens = TILES * (1.0 + fault.of("pitch")), LENS.copy()
+    lens[:2] *= 1.0 + fault.of("focal")
+    data = tabled(cell, q, sights("eye", "plate", points, board, camera, rng, lens))
     return Day(cell, data, None, OFF)
 
 
-def in_the_world(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
-    """A camera on a tripod looks at a board on the tip."""
-    tables = board_text("plate", "tip", TILES), camera_text("eye", "world")
-    cell, q, rng = (
-        written(folder, *tables, ball=False),
-        spread(seed, 45),
-        np.random.default_rng(seed),
-    )
-    T = true_tips(cell, q)
-    stands = looking(T[:, :3, 3].mean(axis=0), np.array([3.6, -1.2, 2.2]))
-    camera = _moved(stands, cause, "camera", size, len(q))
-    board = T @ _moved(PLATE, cause, "board", size, len(q))
-    return _pictures(folder, cell, q, camera, board, cause, size, rng)
+def at_ball(T: Array) -> Array:
+    return np.asarray(T[:, :3, :3] @ BALL + T[:, :3, 3])
 
 
-def on_the_tip(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
-    """A camera on the tip looks at a board on the floor."""
-    tables = board_text("plate", "world", TILES), camera_text("eye", "tip")
-    cell, rng = written(folder, *tables, ball=False), np.random.default_rng(seed)
-    q = spread(seed, 45, 0.3)
-    camera = true_tips(cell, q) @ _moved(EYE, cause, "camera", size, len(q))
-    floor = tips(cell.robot, HOME[None])[0] @ EYE @ AHEAD
-    board = _moved(floor, cause, "board", size, len(q))
-    return _pictures(folder, cell, q, camera, board, cause, size, rng)
-
-
-def _lengths(
-    folder: Path,
-    name: str,
-    kind: str,
-    of: Callable[[Array], Array],
-    cause: str,
-    size: Sizes,
-    seed: int,
-) -> Day:
-    """One number a pose, of the ball; from noon a zero more where that is the cause."""
-    cell = written(folder, f'[instruments.{name}]\nkind = "{kind}"\nsigma_mm = {SIGMA_MM}\n')
-    q, rng = spread(seed, 60), np.random.default_rng(seed)
-    T = true_tips(cell, q)
-    d = of(T[:, :3, :3] @ BALL + T[:, :3, 3]) + rng.normal(scale=SIGMA_MM * 1e-3, size=len(q))
-    d = d + (size if cause == "zero" else 0.0) * _after_noon(len(q))
-    data = tabled(cell, folder, q, [(i, name, "ball", 1e3 * x) for i, x in enumerate(d)], ("d_mm",))
-    return Day(cell, data, None, OFF)
-
-
-def _from_the_drum(ball: Array) -> Array:
+def from_the_drum(ball: Array) -> Array:
     return np.asarray(np.linalg.norm(ball - np.array([1.4, 0.9, 0.1]), axis=1))
 
 
-def _over_the_table(ball: Array) -> Array:
+def over_the_table(ball: Array) -> Array:
     normal = np.array([0.05, -0.08, 1.0])  # it leans a little
     return np.asarray(ball @ normal / np.linalg.norm(normal) - 0.9)
 
 
-def along_a_wire(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
-    """A draw-wire from a drum on the floor to a ball on the tip."""
-    return _lengths(folder, "wire", "distance", _from_the_drum, cause, size, seed)
+# From a drum on the floor to the ball; how high the ball stands over a table.
+LENGTHS = {"wire": ("distance", from_the_drum), "table": ("plane", over_the_table)}
 
 
-def on_a_table(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
-    """A dial gauge reads how high its ball stands over a table."""
-    return _lengths(folder, "table", "plane", _over_the_table, cause, size, seed)
+def with_a_length(name: str, folder: Path, cause: str, size: Sizes, seed: int) -> Day:
+    """One number a pose, of the ball; from noon a zero more where that is the cause."""
+    kind, of = LENGTHS[name]
+    cell = written(folder, f'[instruments.{name}]\nkind = "{kind}"\nsigma_mm = {SIGMA_MM}\n')
+    fault, q, rng = Fault(cause, size, 60), spread(seed, 60), np.random.default_rng(seed)
+    d = of(at_ball(true_tips(cell, q))) + rng.normal(scale=SIGMA_MM * 1e-3, size=len(q))
+    d = d + fault.of("zero") * fault.after_noon
+    data = tabled(cell, q, [(i, name, "ball", 1e3 * x) for i, x in enumerate(d)], ("d_mm",))
+    return Day(cell, data, None, OFF)
 
 
 def with_a_body(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
@@ -192,44 +179,36 @@ def with_a_body(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
     cell = written(folder, "[bodies.plate]\n", mocap, wire)
     q, rng = spread(seed, 45), np.random.default_rng(seed)
     T, stands = true_tips(cell, q), frame(np.array([2.5, -1.0, 0.4, 0.3, -0.2, 2.0]))
-    d = _from_the_drum(T[:, :3, :3] @ BALL + T[:, :3, 3])
-    d = d + rng.normal(scale=SIGMA_MM * 1e-3, size=len(q))
+    d = from_the_drum(at_ball(T)) + rng.normal(scale=SIGMA_MM * 1e-3, size=len(q))
     error = rng.normal(size=(len(q), 6)) * np.repeat([SIGMA_MM * 1e-3, 5e-5], 3)
-    there = np.linalg.inv(_moved(stands, cause, "camera", size, len(q))) @ T @ PLATE @ frame(error)
+    stood = Fault(cause, size, len(q)).moved(stands, "camera")
+    there = np.linalg.inv(stood) @ T @ PLATE @ frame(error)
     turns = Rotation.from_matrix(there[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
     rows: list[tuple[object, ...]] = []
     for i, (p, turn) in enumerate(zip(1e3 * there[:, :3, 3], turns, strict=True)):
         rows.append((i, "mocap", "plate", *p, *turn, ""))
         rows.append((i, "wire", "ball", *[""] * 7, 1e3 * d[i]))
     columns = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "d_mm")
-    data = tabled(cell, folder, q, rows, columns)
-    return Day(cell, data, None, OFF)
+    return Day(cell, tabled(cell, q, rows, columns), None, OFF)
 
 
 def in_sockets(folder: Path, cause: str, size: Sizes, seed: int) -> Day:
     """A ball on the tip is put into four sockets; the arm gives way to them."""
     sockets = (f'[instruments.{s}]\nkind = "socket"\nsigma_mm = {SIGMA_MM}\n' for s in SITES)
-    cell, rng, count = written(folder, *sockets), np.random.default_rng(seed), 72
-    site = np.arange(count) % 4
-    moved = (_after_noon(count) & (site == 1) & (cause == "socket"))[:, None]
-    goal = CENTRES[site] + np.where(moved, np.array(size), 0.0)
+    cell, rng = written(folder, *sockets), np.random.default_rng(seed)
+    fault, site = Fault(cause, size, 72), np.arange(72) % 4
+    goal = CENTRES[site] + np.outer(fault.after_noon & (site == 1), fault.of("socket", (3,)))
     goal = goal + rng.normal(scale=SIGMA_MM * 1e-3, size=goal.shape)
-
-    def ball(q: Array) -> Array:
-        T = true_tips(cell, q)
-        return np.asarray(T[:, :3, :3] @ BALL + T[:, :3, 3])
-
-    q, there = led_to(spread(seed, count, 0.7), ball, goal)
+    q, there = led_to(spread(seed, 72, 0.7), lambda q: at_ball(true_tips(cell, q)), goal)
     rows = [(i, SITES[site[i]], "ball") for i in np.flatnonzero(there)]
-    data = tabled(cell, folder, q, rows, ())
-    return Day(cell, data, None, OFF)
+    return Day(cell, tabled(cell, q, rows, ()), None, OFF)
 
 
 SCENES: dict[str, Callable[[Path, str, Sizes, int], Day]] = {
-    "camera in the world": in_the_world,
-    "camera on the tip": on_the_tip,
-    "wire": along_a_wire,
-    "gauge": on_a_table,
+    "camera in the world": partial(photographed, "world"),
+    "camera on the tip": partial(photographed, "tip"),
+    "wire": partial(with_a_length, "wire"),
+    "gauge": partial(with_a_length, "table"),
     "6-D tracker": with_a_body,
     "sockets": in_sockets,
 }

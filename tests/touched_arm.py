@@ -29,6 +29,13 @@ def arm() -> Robot:
     return random_robot(np.random.default_rng(11), 4)
 
 
+def parallel(robot: Robot) -> Robot:
+    """The robot with all axes parallel: it turns in a plane, and slides across."""
+    origins = robot.origins.copy()
+    origins[:, :3, :3] = np.eye(3)
+    return replace(robot, axes=np.tile([0.0, 0.0, 1.0], (robot.dof, 1)), origins=origins)
+
+
 def drawn(count: int, seed: int) -> Array:
     return np.random.default_rng(seed).uniform(-2.0, 2.0, (count, 4))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +36,15 @@ class Joint:
     mass: float
     com: Array
 
+    @classmethod
+    def drawn(
+        cls, rng: np.random.Generator, name: str, kind: str, parent: str, child: str
+    ) -> Joint:
+        """About a random axis, anywhere near its parent."""
+        axis, (xyz, rpy) = rng.normal(size=3), rng.uniform(-0.5, 0.5, (2, 3))
+        mass, com = rng.uniform(1.0, 5.0), rng.normal(size=3) * 0.1
+        return cls(name, kind, parent, child, xyz, rpy, axis / np.linalg.norm(axis), mass, com)
+
     @property
     def text(self) -> str:
         words = {
@@ -62,33 +71,37 @@ class Joint:
         return T @ frame(q * np.concatenate([self.axis * slides, self.axis * turns]))
 
 
-def random_tree(seed: int) -> tuple[list[Joint], list[str]]:
-    """Joints, parents first, and the names of those that lead from link c0 to the tip."""
-    rng = np.random.default_rng(seed)
+def chain(rng: np.random.Generator, kinds: Mapping[str, str]) -> list[Joint]:
+    """Joints by name, each on the one before: link root carries l_<first>, and so on."""
     joints: list[Joint] = []
+    for name, kind in kinds.items():
+        parent = joints[-1].child if joints else "root"
+        joints.append(Joint.drawn(rng, name, kind, parent, f"l_{name}"))
+    return joints
 
-    def add(name: str, kind: str, parent: str, child: str) -> None:
-        axis = rng.normal(size=3)
-        numbers = rng.uniform(-0.5, 0.5, (2, 3)), rng.uniform(1.0, 5.0), rng.normal(size=3) * 0.1
-        (xyz, rpy), mass, com = numbers
-        joints.append(
-            Joint(name, kind, parent, child, xyz, rpy, axis / np.linalg.norm(axis), mass, com)
-        )
 
+def random_tree(seed: int) -> tuple[list[Joint], str, list[str]]:
+    """Joints, parents first, the tip of a chain from link c0, and further links below c0."""
+    rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 7))
-    chain = [f"k{i + 1}" for i in range(count)]
-    add("k0", "revolute", "root", "c0")
-    for i, name in enumerate(chain):
-        add(name, KINDS[int(rng.integers(4)) if i else 0], f"c{i}", f"c{i + 1}")
-    links = ["root", *(f"c{i}" for i in range(count + 1))]
+    joints = [Joint.drawn(rng, "k0", "revolute", "root", "c0")]
+    for i in range(count):
+        kind = KINDS[int(rng.integers(4)) if i else 0]
+        joints.append(Joint.drawn(rng, f"k{i + 1}", kind, f"c{i}", f"c{i + 1}"))
+    links, tip = ["root", *(joint.child for joint in joints)], f"c{count}"
     for number in range(12):
-        parent = links[int(rng.integers(len(links)))]
-        add(f"s{number}", KINDS[int(rng.integers(4))], parent, f"b{number}")
+        parent, kind = links[int(rng.integers(len(links)))], KINDS[int(rng.integers(4))]
+        joints.append(Joint.drawn(rng, f"s{number}", kind, parent, f"b{number}"))
         links.append(f"b{number}")
-    return joints, chain
+    below = ["c0"]
+    for joint in joints:
+        if joint.parent in below:
+            below.append(joint.child)
+    others = rng.permutation([link for link in below if link != tip])
+    return joints, tip, others[: int(rng.integers(1, 4))].tolist()
 
 
-def placed(joints: list[Joint], values: dict[str, float]) -> dict[str, Array]:
+def placed(joints: list[Joint], values: Mapping[str, float]) -> dict[str, Array]:
     """Every link's frame in that of the root."""
     found = {"root": np.eye(4)}
     for joint in joints:
@@ -162,14 +175,3 @@ def random_mjcf(rng: np.random.Generator, dof: int, tip: str = "site") -> str:
     if tip != "link":
         lines.append(f'<{tip} name="tip" {pose()}/>')
     return "\n".join([*lines, "</body>" * depth, "</worldbody></mujoco>", ""])
-
-
-def tips_of(joints: list[Joint], tip: str, seed: int) -> list[str]:
-    """Links at random below c0 beside a tip, at most three."""
-    below = ["c0"]
-    for joint in joints:
-        if joint.parent in below:
-            below.append(joint.child)
-    others = [link for link in below if link != tip]
-    rng = np.random.default_rng(seed)
-    return rng.permutation(others)[: int(rng.integers(1, 4))].tolist()

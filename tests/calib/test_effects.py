@@ -11,7 +11,6 @@ import pytest
 
 import calib
 from calib.arm.kinematics import forward, link_origins
-from calib.arm.se3 import displacement
 from calib.arm.statics import Payload, loads_of, transmitted
 from calib.arrays import Array
 from calib.effects import EFFECTS, Context
@@ -59,11 +58,6 @@ def moved_joint(context: Context, poses: Poses, k: int, dq: Array) -> Array:
     return seen(context, tips(context.robot, q))
 
 
-def as_one(points: Array, xi: Array) -> Array:
-    D = displacement(xi)
-    return np.einsum("mab,mjb->mja", D[:, :3, :3], points) + D[:, None, :3, 3]
-
-
 Formula = Callable[[Poses, int, Array], Array]
 
 
@@ -77,6 +71,16 @@ def _turned(poses: Poses, k: int, v: Array) -> Array:
     return v[0] * np.cos(q) + v[1] * np.sin(q) + v[2] * np.cos(2 * q) + v[3] * np.sin(2 * q)
 
 
+def _rippled(poses: Poses, k: int, v: Array) -> Array:
+    q = v[0] * poses.q[:, k]
+    return v[1:] @ [np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)][: len(v) - 1]
+
+
+def _clock(poses: Poses) -> Array:
+    return np.asarray(poses.time) - poses.start
+
+
+RIPPLE = ("cycles", "cos_1", "sin_1", "cos_2", "sin_2")
 DQ: dict[str, Formula] = {
     "joint_offset": lambda poses, k, v: v[0] * np.ones(len(poses)),
     "transmission_scale": lambda poses, k, v: v[0] * poses.q[:, k],
@@ -85,21 +89,36 @@ DQ: dict[str, Formula] = {
     "backlash": lambda poses, k, v: v[0] * np.asarray(poses.approach)[:, k],
     "settling": _settling,
     "measured_torque": lambda poses, k, v: v[0] * np.asarray(poses.torque)[:, k],
+    "gear_ripple": _rippled,
+    "warm_up": lambda poses, k, v: v[1] * np.exp(-_clock(poses) / v[0]),
+    "step": lambda poses, k, v: v[1] * (_clock(poses) > v[0]),
 }
 """Error of a joint's variable by the poses, the joint and the values."""
+TUNED = {"gear_ripple": 123.4, "warm_up": 4e3, "step": 9e3}
 
 
-@pytest.mark.parametrize("kind", DQ)
-def test_errors_along_a_joint(kind: str, scene: tuple[Context, Poses]) -> None:
+@pytest.mark.parametrize(
+    ("kind", "names"), [*((kind, None) for kind in DQ), ("gear_ripple", RIPPLE)]
+)
+def test_errors_along_a_joint(
+    kind: str, names: tuple[str, ...] | None, scene: tuple[Context, Poses]
+) -> None:
+    """Nothing where a search begins. Other places: tests/studies/research/sealed/test_truth.py."""
     context, poses = scene
-    for where in EFFECTS[kind].places(context):
+    context = replace(context, parameters=names)
+    nominal = seen(context, tips(context.robot, poses.q))
+    for where in set(context.robot.joints) & set(EFFECTS[kind].places(context)):
         k = context.robot.joints.index(where)
         model = model_with(context, kind, where)
         values = np.linspace(1.0, 2.0, len(model.parameters)) * 1e-4
+        if kind in TUNED:
+            values[0] = TUNED[kind]
         expected = moved_joint(context, poses, k, DQ[kind](poses, k, values))
         np.testing.assert_allclose(model.predict(values, poses), expected, atol=1e-12)
+        np.testing.assert_allclose(model.predict(model.initial, poses), nominal, atol=1e-12)
         if kind != "measured_torque":
-            assert model.parameters[0].unit.startswith(error_unit(bool(context.robot.prismatic[k])))
+            unit = model.parameters[1 if kind in TUNED else 0].unit
+            assert unit.startswith(error_unit(bool(context.robot.prismatic[k])))
 
 
 def test_names_units_and_places() -> None:
@@ -125,66 +144,6 @@ def test_names_units_and_places() -> None:
         p = EFFECTS[kind].at(context, where).parameters[at]
         assert (p.name, p.unit, p.scale) == expected
     assert EFFECTS["transmission_harmonic"].places(context) == ("j1", "j3")
-
-
-def test_settling_counts_the_last_move_that_was_one() -> None:
-    rng = np.random.default_rng(4)
-    context = random_context(rng, random_robot(rng, 3))
-    q = rng.uniform(-1.0, 1.0, (12, 3))
-    q[5] = q[4]  # read again without a move
-    q[8, 1] = q[7, 1]  # one joint rests
-    poses, dq, came = with_moves(poses_at(q)), np.zeros(12), np.zeros(3)
-    for i in range(1, 12):
-        came = q[i] - q[i - 1] if i != 5 else came
-        dq[i] = -(2e-4 * came[1] + 3e-4 * came[1] / np.abs(came).max())
-    expected = moved_joint(context, poses, 1, dq)
-    read = model_with(context, "settling", "j2").predict(np.array([2e-4, 3e-4]), poses)
-    np.testing.assert_allclose(read, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("harmonics", [1, 2])
-def test_ripple(harmonics: int, scene: tuple[Context, Poses]) -> None:
-    context, poses = scene
-    effect = GearRipple.at(context, "j3").with_harmonics(harmonics)
-    amounts, q = np.array([1e-4, -2e-4, 5e-5, 3e-5])[: 2 * harmonics], 123.4 * poses.q[:, 2]
-    dq = amounts @ [np.cos(q), np.sin(q), np.cos(2.0 * q), np.sin(2.0 * q)][: 2 * harmonics]
-    read = model_of(context, []).with_effects((effect,)).predict(np.array([123.4, *amounts]), poses)
-    np.testing.assert_allclose(read, moved_joint(context, poses, 2, dq), atol=1e-12)
-
-
-XI = np.array([1e-4, -2e-4, 3e-4, 2e-5, 1e-5, -3e-5])
-
-
-@pytest.mark.parametrize("clock", ["s", "reading"])
-@pytest.mark.parametrize("kind", ["warm_up", "step", "base_drift", "tracker_drift"])
-def test_what_follows_the_clock(kind: str, clock: str, scene: tuple[Context, Poses]) -> None:
-    """At every place that may move; zero at first for a drift, at last for a warm-up."""
-    context, poses = scene
-    t = np.asarray(poses.time) - poses.start
-    if clock == "reading":
-        t = np.random.default_rng(0).permutation(8).astype(float)
-        poses = replace(poses, time=None, order=t)
-    context = replace(context, clock_unit=clock)
-    moment = float(np.median(t)) + 0.1
-    by = {"warm_up": np.exp(-t / moment), "step": (t > moment).astype(float)}.get(kind, t)
-    T = tips(context.robot, poses.q)
-    plain = seen(context, T)
-    for where in EFFECTS[kind].places(context):
-        model = model_with(context, kind, where)
-        tuning = [moment] if isinstance(model.effects[0], Tuned) else []
-        p = len(model.parameters) - len(tuning)
-        own = (XI / (1.0 if tuning else t.max()))[:p]
-        if where in context.robot.joints:
-            expected = moved_joint(context, poses, context.robot.joints.index(where), by * own[0])
-        elif where.startswith("marker:"):
-            expected = plain.copy()
-            at = context.marker_names.index(where.removeprefix("marker:"))
-            expected[:, at] += by[:, None] * (T[:, :3, :3] @ own)
-        else:
-            expected = as_one(plain, by[:, None] * own)
-        read = model.predict(np.array([*tuning, *own]), poses)
-        np.testing.assert_allclose(read, expected, atol=1e-12)
-        np.testing.assert_allclose(model.predict(model.initial, poses), plain, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["gear_ripple", "warm_up", "step"])
@@ -226,16 +185,6 @@ def test_grids() -> None:
     np.testing.assert_allclose(grid("step", "base"), np.arange(1.5, 38.6))
     np.testing.assert_allclose(grid("warm_up", "base"), np.geomspace(0.8, 80.0, 10))
     assert not len(GearRipple.at(context, "j1").grid(poses_at(np.zeros((5, 3)))))
-
-
-def test_scale_of_the_instrument_counts_from_its_origin(scene: tuple[Context, Poses]) -> None:
-    context, poses = scene
-    base, scale = EFFECTS["base"].at(context, "base"), EFFECTS["tracker_scale"]
-    model = model_of(context, []).with_effects((base, scale.at(context, "instrument")))
-    placed = np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.5])
-    without = model.predict(np.append(placed, 0.0), poses)
-    read = model.predict(np.append(placed, 2e-5), poses)
-    np.testing.assert_allclose(read, without * (1.0 + 2e-5), atol=1e-12)
 
 
 def late(temperature: Array, time: Array, lag: float) -> Array:
@@ -281,27 +230,21 @@ def test_sag_under_unknown_masses(scene: tuple[Context, Poses]) -> None:
     frames = forward(robot, poses.q)
     loads = loads_of(robot, poses, Payload(), GRAVITY)
     wrench = transmitted(robot, loads, frames, link_origins(robot, frames, poses.q))
+    dq, found = np.zeros_like(poses.q), []
     for k, where in enumerate(robot.joints):
         model = model_with(context, "gravity_sag", where)
         part = slice(0, 3) if robot.prismatic[k] else slice(3, 6)
-        torque = wrench.local[:, k + 1, part] @ robot.axes[k]
+        dq[:, k] = 1e-6 * wrench.local[:, k + 1, part] @ robot.axes[k]
         none = np.zeros(len(model.parameters))
         ((_, basis),) = model.effects[0].twists(model.state(none, poses), none)
         X = np.einsum("i,mip->mp", robot.axes[k], basis[:, part])
-        products, *_ = np.linalg.lstsq(X, torque * 1e-6, rcond=None)
-        expected = moved_joint(context, poses, k, 1e-6 * torque)
-        np.testing.assert_allclose(model.predict(products, poses), expected, atol=1e-10)
-
-
-def test_sag_of_the_arm_is_that_of_all_joints(scene: tuple[Context, Poses]) -> None:
-    context, poses = scene
+        found.append(np.linalg.lstsq(X, dq[:, k])[0])
+        expected = moved_joint(context, poses, k, dq[:, k])
+        np.testing.assert_allclose(model.predict(found[-1], poses), expected, atol=1e-10)
     arm = model_with(context, "gravity_sag", "arm")
-    sag = EFFECTS["gravity_sag"]
-    joints = arm.with_effects(tuple(sag.at(context, w) for w in context.robot.joints))
-    values = np.random.default_rng(0).normal(size=len(arm.parameters)) * 1e-3
-    both = arm.predict(values, poses), joints.predict(values, poses)
-    np.testing.assert_allclose(*both, atol=1e-12)
     assert len({p.name for p in arm.parameters}) == len(arm.parameters)
+    sagged = seen(context, tips(robot, poses.q + dq))
+    np.testing.assert_allclose(arm.predict(np.concatenate(found), poses), sagged, atol=1e-10)
 
 
 def test_scale_and_point_of_a_measured_load(scene: tuple[Context, Poses]) -> None:
@@ -328,22 +271,6 @@ def test_scale_and_point_of_a_measured_load(scene: tuple[Context, Poses]) -> Non
     moment = np.cross(state.frames.R[:, -1] @ shift, force)
     known = replace(pure, wrench=np.column_stack([force, moment]))
     np.testing.assert_allclose(read(pure, 0, *shift), read(known, 0, 0, 0, 0), atol=2e-10)
-
-
-@pytest.mark.parametrize("where", ["j1", "j2"])
-def test_friction_winds_up_the_compliance_of_its_joint(
-    where: str, scene: tuple[Context, Poses]
-) -> None:
-    context, _ = scene
-    light = replace(context, robot=replace(context.robot, masses=np.zeros(5)), payload=Payload())
-    poses = random_poses(np.random.default_rng(5), light.robot, 8, loaded=False)
-    kinds = ("friction_windup", "joint_compliance")
-    model = model_of(light, []).with_effects(tuple(EFFECTS[k].at(light, where) for k in kinds))
-    k = int(where[1]) - 1
-    expected = moved_joint(light, poses, k, -2e-6 * 30.0 * np.asarray(poses.approach)[:, k])
-    np.testing.assert_allclose(model.predict(np.array([30.0, 2e-6]), poses), expected, atol=1e-12)
-    _, J = model.with_effects(model.effects[:1]).jacobian(np.array([30.0]), poses)
-    assert not J.any()
 
 
 def test_default_anchors_hold_the_link_up() -> None:

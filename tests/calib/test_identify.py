@@ -11,7 +11,6 @@ import pytest
 
 import calib
 from calib import Cell, Identification, Measurements, Poses
-from calib.arm.robot import Robot
 from calib.arm.se3 import so3_exp
 from calib.arrays import Array
 from calib.errors import CalibError, TooFewPoses
@@ -19,6 +18,7 @@ from calib.identification.start import initial_values
 from calib.model.build import build
 from tests.day import ON_TOOL, RIGID, anywhere, erring, rigid_day
 from tests.helpers import cell_of, random_robot, simulated, with_effects
+from tests.touched_arm import parallel
 
 NOISE = np.sqrt(3) * 1e-5  # m, 3-D RMS of readings
 
@@ -31,15 +31,22 @@ def off(found: Identification, truth: np.ndarray) -> np.ndarray:
 # -- From nothing, by any road
 
 
-@pytest.mark.parametrize("markers", [1, 2, 3])
-@pytest.mark.parametrize("seed", range(4))
+def assert_at_the_noise(found: Identification) -> None:
+    assert found.status == "converged"
+    assert found.rms("fitted") < 2.0 * NOISE
+
+
+@pytest.mark.parametrize(
+    ("seed", "markers", "size"),
+    [*((seed, markers, 1.0) for seed in range(4) for markers in (1, 2, 3)), (13, 3, 10.0)],
+)
 def test_instrument_anywhere_and_no_guess_of_the_markers(
-    kr270: Cell, markers: int, seed: int
+    kr270: Cell, seed: int, markers: int, size: float
 ) -> None:
-    cell, data, truth, _ = rigid_day(kr270.robot, seed, 40, markers)
+    """Errors in their sizes, of a millimetre and a milliradian, or ten times as large."""
+    cell, data, truth, _ = rigid_day(kr270.robot, seed, 40 if size == 1.0 else 25, markers, size)
     result = calib.identify(cell, data)
-    assert result.status == "converged"
-    assert result.rms("fitted") < 2.0 * NOISE
+    assert_at_the_noise(result)
     # The rotation vector of the base has a second form near pi: compare rotations there.
     turn = [i for i, p in enumerate(result.model.parameters) if p.effect == "base"][3:]
     np.testing.assert_allclose(
@@ -97,37 +104,20 @@ def test_full_pose_approach_recovers_the_truth(kr270: Cell, paper_day: Day, weig
     assert (result.std[robot] >= points.std[robot] * 0.999 * points.noise.factor).all()
 
 
-def test_a_robot_far_from_its_model_still_converges(kr270: Cell) -> None:
-    """Ten millimetres and milliradians everywhere."""
-    cell, data, _, _ = rigid_day(kr270.robot, 13, 25, size=10.0)
-    result = calib.identify(cell, data)
-    assert result.status == "converged"
-    assert result.rms("fitted") < 2.0 * NOISE
+ARMS = {"scara": (4, (3,), True), "planar": (2, (), True), "one joint": (1, (), False)}
 
 
-def in_a_plane(rng: np.random.Generator, dof: int, prismatic: tuple[int, ...] = ()) -> Robot:
-    """Parallel axes and slides along them."""
-    robot = random_robot(rng, dof, prismatic)
-    origins = robot.origins.copy()
-    origins[:, :3, :3] = np.eye(3)
-    return replace(robot, axes=np.tile([0.0, 0.0, 1.0], (dof, 1)), origins=origins)
-
-
-@pytest.mark.parametrize("arm", ["scara", "planar", "one joint"])
+@pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("approach", ["points", pytest.param("pose", marks=pytest.mark.long)])
 def test_arms_whose_base_and_markers_hide_each_other(arm: str, approach: str) -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        robot = {
-            "scara": lambda rng: in_a_plane(rng, 4, (3,)),
-            "planar": lambda rng: in_a_plane(rng, 2),
-            "one joint": lambda rng: random_robot(rng, 1),
-        }[arm](rng)
+        dof, prismatic, flat = ARMS[arm]
+        robot = random_robot(rng, dof, prismatic)
+        robot = parallel(robot) if flat else robot
         cell = cell_of(robot, ON_TOOL, RIGID)
         data, _ = erring(cell, anywhere(cell, rng, 30), rng, 0.3)
-        result = calib.identify(cell, data, approach=approach)  # type: ignore[arg-type]
-        assert result.status == "converged"
-        assert result.rms("fitted") < 2.0 * NOISE
+        assert_at_the_noise(calib.identify(cell, data, approach=approach))  # type: ignore[arg-type]
 
 
 # -- What tables contain
@@ -272,13 +262,24 @@ def test_nonsense_units_are_not_called_a_success(kr270: Cell) -> None:
     assert any("check units" in text for text in result.warnings)
 
 
-# -- Real measurements: errors that published fits reach, within one per cent
+# -- Real measurements, and errors that published fits reach, in mm and, of whole poses, mrad
 
-NOMINAL_AND_FITTED_MM = {
-    "irb120_faro": (0.839, 0.200),
-    "irb120_wu2015": (5.330, 0.247),
-    "fanuc_r2000": (0.747, 0.340),
-    "ur10_leica_b": (1.104, 0.460),
+NOMINAL_AND_FITTED = {
+    "irb120_faro": ([0.839], "fitted", [0.200]),
+    "irb120_wu2015": ([5.330], "fitted", [0.247]),
+    "fanuc_r2000": ([0.747], "fitted", [0.340]),
+    "ur10_leica_b": ([1.104], "fitted", [0.460]),
+    "fr3_eye_in_hand": ([4.54, 12.1], "fitted_all", [1.6, 4.2]),
+    "positioner_poses": ([0.458, 0.98], "fitted_all", [0.44, 1.0]),
+    "panda_sockets_2": ([8.44], "fitted_all", [0.306]),  # a ball in 16 sockets
+}
+OPEN = {"panda_sockets_2"}  # something is left that contacts do not tell
+HELD_OUT = {  # the median of so many shares of three in ten
+    "irb120_faro": (5, [0.32]),
+    "fr3_eye_in_hand": (5, [1.6, 4.2]),
+    "positioner_poses": (10, [0.44, 1.0]),
+    "iiwa7_torque": (5, [0.70, 4.0]),
+    "panda_sockets_2": (2, [0.40]),
 }
 
 
@@ -292,31 +293,42 @@ def result(data: Path, name: str) -> Identification:
     return calib.identify(*real(data, name))
 
 
+def errors(found: Identification, of: str) -> list[float]:
+    """mm of all that was read, and mrad."""
+    turned = (own[of] for (_, unit), own in found.by_instrument.items() if unit == "mrad")
+    return [1e3 * found.rms(of), *turned]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", NOMINAL_AND_FITTED_MM)
+@pytest.mark.parametrize("name", NOMINAL_AND_FITTED)
 def test_real_days_before_and_after(data: Path, name: str) -> None:
-    found, (nominal, fitted) = result(data, name), NOMINAL_AND_FITTED_MM[name]
-    assert (found.status, found.noise.source) == ("converged", "residual")
-    assert found.rms("nominal") * 1e3 == pytest.approx(nominal, rel=0.01)
-    assert found.rms("fitted") * 1e3 <= fitted * 1.01
+    found, (nominal, of, fitted) = result(data, name), NOMINAL_AND_FITTED[name]
+    assert found.status == ("rank_deficient" if name in OPEN else "converged")
+    assert found.noise.source == "residual"
+    np.testing.assert_allclose(errors(found, "nominal"), nominal, rtol=0.01)
+    assert (np.array(errors(found, of)) <= 1.01 * np.array(fitted)).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", HELD_OUT)
+def test_held_out_poses_of_real_days(data: Path, name: str) -> None:
+    (cell, table), (shares, most), trimmed = real(data, name), HELD_OUT[name], []
+    found = []
+    for seed in range(shares):
+        kept, held = table.split(0.3, np.random.default_rng(seed))
+        one = calib.identify(cell, kept, heldout=held)
+        assert one.status == "converged" or name in OPEN
+        found.append(errors(one, "heldout"))
+        trimmed.append(1e3 * one.rms("heldout_trimmed"))
+    assert (np.median(found, axis=0) <= most).all()
+    if name == "irb120_faro":
+        assert max(trimmed) <= 0.21
 
 
 def test_outliers_of_the_faro_set(data: Path) -> None:
     found = result(data, "irb120_faro")
     assert found.fit.outlier.sum() <= 15
     assert found.rms("fitted_all") * 1e3 <= 0.272 * 1.01
-
-
-@pytest.mark.long
-def test_held_out_poses_of_the_faro_set(data: Path) -> None:
-    cell, table = real(data, "irb120_faro")
-    found = []
-    for seed in range(5):
-        kept, held = table.split(0.3, np.random.default_rng(seed))
-        one = calib.identify(cell, kept, heldout=held)
-        found.append([one.rms(of) * 1e3 for of in ("heldout", "heldout_trimmed")])
-    assert np.median(found, axis=0)[0] <= 0.32
-    assert np.max(found, axis=0)[1] <= 0.21
 
 
 def test_simulated_case_without_effect(data: Path) -> None:
@@ -344,15 +356,3 @@ def test_lost_motion_of_the_published_example(data: Path) -> None:
     assert found.std[-1] < 3e-6
     assert (before.rms("heldout") or 0.0) > 6e-5
     assert (found.rms("heldout") or 1.0) < 2.9e-5
-
-
-@pytest.mark.long
-def test_contacts_of_a_panda(data: Path) -> None:
-    """A ball in 16 sockets: 8.4 mm by the nominal arm, a third of one with its geometry."""
-    cell, whole = real(data, "panda_sockets_2")
-    found = calib.identify(cell, whole)
-    assert found.rms("nominal") == pytest.approx(8.44e-3, rel=0.01)
-    assert (found.rms("fitted_all") or 1.0) <= 0.31e-3
-    assert len(found.by_instrument) == 16
-    kept, held = whole.split(0.3, np.random.default_rng(1))
-    assert (calib.identify(cell, kept, heldout=held).rms("heldout") or 1.0) <= 0.40e-3

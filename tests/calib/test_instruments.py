@@ -6,12 +6,13 @@ A contact is made by moving the joints until the marker is where it belongs, its
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib import Cell, Measurements
@@ -30,45 +31,61 @@ from tests.helpers import all_seen, cell_of, central_difference, random_robot
 from tests.plain_arm import frame, rotation, tips
 from tests.touched_arm import MARKERS, OFFSETS, SITES, TRUE, arm, drawn, measured, points_of, slopes
 
-SIGMA, BAR, SHORT = 2e-5, 2e-5, 5e-6
+SIGMA = 2e-5
 _TRIALS = 6
 ANCHOR = np.array([0.9, -1.4, 0.6])
 CENTRE = np.array([0.7, -0.5, 0.4])
 OFFSET_NAMES = [f"joint_offset:{j}.offset" for j in OFFSETS]
-LASER = Tracker(name="laser", noise=Noise.isotropic(BAR))
 
 
-# -- Sockets, distances and planes
+# -- What touches, measures lengths or reads points
 
 
 @dataclass(frozen=True, eq=False)
 class Kind:
-    """An instrument, its true place, and its reading of points (m, 3) at site (m,), by hand.
+    """Instruments, their true places, and their readings by hand.
 
-    touched : whether the reading is made zero by moving the arm
+    reading : of points (m, M, 3) by place and site (m,), shape (m, C, r), NaN where nothing is read
+    touched : whether it is made zero by moving the arm
+    sigma : m, (C, 1); markers, count : of the arm and the poses
     """
 
-    instrument: Instrument
+    instruments: Sequence[Instrument]
     place: Array
     reading: Callable[[Array, Array, Array], Array]
     touched: bool = False
     sites: tuple[str, ...] = ()
+    sigma: Array | float = SIGMA
+    markers: int = 1
+    count: int = 16
 
     def parts(self, theta: Array, q: Array, site: Array) -> Array:
-        """Readings (m, r) by offsets and place."""
-        return self.reading(points_of(arm(), q, theta[:3], MARKERS[:1])[:, 0], theta[3:], site)
+        """Readings by offsets and place."""
+        points = points_of(arm(), q, theta[:3], MARKERS[: self.markers])
+        return self.reading(points, theta[3:], site)
+
+    def drawn(self, theta: Array) -> tuple[Array, Array]:
+        """Joints (count, 4), at which the readings are zero where they are made so, and sites."""
+        if not self.touched:
+            return drawn(self.count, 0), np.zeros(self.count, dtype=int)
+        q = drawn((10 if self.sites else 4) * self.count, 5)
+        site = np.arange(len(q)) % max(1, len(self.sites))
+        q, met = touched.led_to(q, lambda q: self.parts(theta, q, site)[:, 0])
+        there = np.flatnonzero(met)[: self.count]
+        assert len(there) == self.count
+        return q[there], site[there]
 
 
 def socket(p: Array, place: Array, site: Array) -> Array:
-    return p - place.reshape(-1, 3)[site]
+    return p - place.reshape(-1, 1, 3)[site]
 
 
 def distance(p: Array, place: Array, site: Array) -> Array:
-    return (touched.length(p - place[:3]) + (place[3] if len(place) > 3 else 0.0))[:, None]
+    return touched.length(p - place[:3])[..., None] + (place[3] if len(place) > 3 else 0.0)
 
 
 def known_anchor(p: Array, place: Array, site: Array) -> Array:
-    return (touched.length(p - CENTRE) + place[0])[:, None]
+    return touched.length(p - CENTRE)[..., None] + place[0]
 
 
 def plane(p: Array, place: Array, site: Array) -> Array:
@@ -76,63 +93,76 @@ def plane(p: Array, place: Array, site: Array) -> Array:
     angle = np.hypot(*place[:2])
     x, y = place[:2] / angle
     normal = np.array([y * np.sin(angle), -x * np.sin(angle), np.cos(angle)])
-    return (p @ normal - place[2])[:, None]
+    return (p @ normal)[..., None] - place[2]
 
 
-FLAT = np.array([0.3, -0.4, 0.35])
+def laser(p: Array, place: Array, site: Array) -> Array:
+    return p @ rotation(place[3:]).T + place[:3]
+
+
+def beside_a_bar(p: Array, place: Array, site: Array) -> Array:
+    """Half of the poses are read by the tracker, half by the bar, some by both."""
+    read = np.full((len(p), 4, 3), np.nan)
+    read[:14, :2] = laser(p[:14], place[:6], site)
+    read[10:, 2:, :1] = distance(p[10:], place[6:], site)
+    return read
+
+
+FLAT, STATION = np.array([0.3, -0.4, 0.35]), np.array([0.3, -2.0, 0.8, 0.4, -1.1, 0.7])
+NEST = np.array([0.5, 0.2, 0.6, -0.4, 0.3, 0.2])
 WIRE = {"name": "own", "sigma": SIGMA}
+SHORT = np.array([[SIGMA], [SIGMA], [5e-6], [5e-6]])
+LASER = Tracker(name="laser", noise=Noise.isotropic(SIGMA))
 KINDS = {
-    "distance": Kind(Distance(**WIRE), CENTRE, distance),
-    "distance with offset": Kind(Distance(**WIRE, offset=True), np.append(CENTRE, -0.2), distance),
-    "distance from a known anchor": Kind(
-        Distance(**WIRE, standing=CENTRE, known=True, offset=True), np.array([0.1]), known_anchor
+    "distance": Kind([Distance(**WIRE)], CENTRE, distance),
+    "distance with offset": Kind(
+        [Distance(**WIRE, offset=True)], np.append(CENTRE, -0.2), distance
     ),
-    "gauge over a plane": Kind(Plane(**WIRE), FLAT, plane),
-    "plane": Kind(Plane(**WIRE), FLAT, plane, touched=True),
+    "distance from a known anchor": Kind(
+        [Distance(**WIRE, standing=CENTRE, known=True, offset=True)], np.array([0.1]), known_anchor
+    ),
+    "gauge over a plane": Kind([Plane(**WIRE)], FLAT, plane),
+    "plane": Kind([Plane(**WIRE)], FLAT, plane, touched=True),
     "sockets": Kind(
-        Socket(name="a", sigma=SIGMA, sites=("a", "b")),
-        np.array([0.5, 0.2, 0.6, -0.4, 0.3, 0.2]), socket, touched=True, sites=("a", "b"),
+        [Socket(name="a", sigma=SIGMA, sites=("a", "b"))], NEST, socket, True, ("a", "b")
+    ),
+    "tracker": Kind([LASER], STATION, laser, markers=2),
+    "bar beside a tracker": Kind(
+        [LASER, Distance(name="bar", sigma=5e-6)], np.append(STATION, ANCHOR), beside_a_bar,
+        sigma=SHORT, markers=2, count=24,
     ),
 }  # fmt: skip
-
-
-def reached(kind: Kind, theta: Array, count: int) -> tuple[Array, Array]:
-    """Joints (count, 4) at which the readings are zero, and sites (count,)."""
-    q = drawn((10 if kind.sites else 4) * count, 5)
-    site = np.arange(len(q)) % max(1, len(kind.sites))
-    q, met = touched.led_to(q, lambda q: kind.parts(theta, q, site))
-    there = np.flatnonzero(met)[:count]
-    assert len(there) == count
-    return q[there], site[there]
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_covariance_rank_and_refits(name: str) -> None:
     """Found without a guess, of full rank; errors scatter as the information by hand says."""
-    kind, m = KINDS[name], 16
-    theta, rng, squared = np.concatenate([TRUE, kind.place]), np.random.default_rng(1), 0.0
-    q, site = reached(kind, theta, m) if kind.touched else (drawn(m, 0), np.zeros(m, dtype=int))
-    gain = touched.followed(q, lambda q: kind.parts(theta, q, site))
-    J = slopes(lambda t: kind.parts(t, q, site), theta) / SIGMA
-    expected = np.linalg.inv(J.T @ J)
-    cell = replace(touched.cell_with(kind.instrument), markers=MARKERS[:1], marker_names=("m1",))
+    kind, rng, squared = KINDS[name], np.random.default_rng(1), 0.0
+    theta = np.concatenate([TRUE, kind.place])
+    q, site = kind.drawn(theta)
     exact = kind.parts(theta, q, site)
+    read, sigma = np.isfinite(exact), np.broadcast_to(kind.sigma, exact.shape)
+    J = slopes(lambda t: kind.parts(t, q, site), theta)[read.ravel()] / sigma[read][:, None]
+    expected = np.linalg.inv(J.T @ J)
+    cell = touched.cell_with(*kind.instruments)
+    cell = replace(cell, markers=MARKERS[: kind.markers], marker_names=("m1", "m2")[: kind.markers])
     sites = {"site": np.array(kind.sites)[site]} if kind.sites else {}
+    gain = touched.followed(q, lambda q: kind.parts(theta, q, site)[:, 0]) if kind.touched else None
     for _ in range(_TRIALS):
-        noise = SIGMA * rng.standard_normal(exact.shape)
-        if kind.touched:  # the arm is elsewhere, and what is read is nothing
-            read = q + (gain @ noise[..., None])[..., 0], np.zeros_like(exact)
-        else:
-            read = q, exact + noise
-        found = calib.identify(cell, measured(read[0], read[1][:, None], **sites))
+        noise, where = sigma * rng.standard_normal(exact.shape), q
+        readings = np.where(read, exact + noise, 0.0)
+        if gain is not None:  # the arm is elsewhere, and what is read is nothing
+            where, readings = q + (gain @ noise[:, 0, :, None])[..., 0], np.zeros_like(exact)
+        found = calib.identify(cell, measured(where, readings, read.any(axis=-1), **sites))
         at = touched.positions(found, *OFFSET_NAMES)
         at += [i for i, p in enumerate(found.model.parameters) if p.effect == "base"]
         assert found.status == "converged"
         assert found.rank == len(theta) == len(found.values)
+        assert found.dof == read.sum() - len(theta)
         error = found.values[at] - theta
         squared += error @ np.linalg.solve(expected, error)
         stated = found.std[at] / found.noise.factor
-        np.testing.assert_allclose(stated, np.sqrt(np.diag(expected)), rtol=0.05)
+        np.testing.assert_allclose(stated, np.sqrt(np.diag(expected)), rtol=0.03)
     # Chi-square, four standard deviations.
     dof = float(_TRIALS * len(theta))
     assert squared == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof))
@@ -140,9 +170,7 @@ def test_covariance_rank_and_refits(name: str) -> None:
 
 def test_derivatives_of_a_known_distance() -> None:
     """Between two markers that are free."""
-    cell = touched.cell_with(
-        KINDS["plane"].instrument, effects=("base", "tool", "joint_offset:j2,j3")
-    )
+    cell = touched.cell_with(Plane(**WIRE), effects=("base", "tool", "joint_offset:j2,j3"))
     cell = replace(cell, known_distances=(KnownDistance(("m1", "m2"), 0.1, 1e-5),))
     model = build(cell, poses_at(drawn(6, 4))).model
     values = np.random.default_rng(3).normal(size=len(model.parameters)) * 10.0 * model.sizes
@@ -161,10 +189,10 @@ def test_scale_from_a_known_distance() -> None:
     bar = KnownDistance(("a", "b"), float(touched.length(centres[0] - centres[1])), 1e-6)
 
     def between_c_and_d(found: calib.Identification) -> float:
-        c, d = (
-            found.values[touched.positions(found, *(f"base:{s}.{x}" for x in "xyz"))] for s in "cd"
-        )
-        return float(touched.length(c - d))
+        own = found.values[
+            touched.positions(found, *(f"base:{s}.{x}" for s in "cd" for x in "xyz"))
+        ]
+        return float(touched.length(own[:3] - own[3:]))
 
     truth = float(touched.length(centres[2] - centres[3]))
     found = calib.identify(replace(cell, known_distances=(bar,)), data)
@@ -178,45 +206,7 @@ def test_scale_from_a_known_distance() -> None:
     assert abs(between_c_and_d(without) / truth - 1.0) < 0.01
 
 
-# -- A second instrument beside a tracker
-
-
-def distances(theta: Array, q: Array) -> Array:
-    """Distances (m, M) by offsets and anchor."""
-    return touched.length(points_of(arm(), q, theta[:3]) - theta[3:6])
-
-
-def test_beside_a_tracker_information_adds() -> None:
-    """Half of the poses are read by the tracker, half by the bar, some by both."""
-    q, theta = drawn(24, 2), np.concatenate([TRUE, ANCHOR, [0.3, -2.0, 0.8, 0.4, -1.1, 0.7]])
-    by_laser, by_bar = np.arange(24) < 14, np.arange(24) >= 10
-
-    def laser(t: Array) -> Array:
-        return points_of(arm(), q[by_laser], t[:3]) @ rotation(t[9:]).T + t[6:9]
-
-    def bar(t: Array) -> Array:
-        return distances(t, q[by_bar])
-
-    J = np.concatenate([slopes(laser, theta) / BAR, slopes(bar, theta) / SHORT])
-    expected = np.linalg.inv(J.T @ J)
-    readings, seen = np.zeros((24, 4, 3)), np.zeros((24, 4), dtype=bool)
-    seen[by_laser, :2], seen[by_bar, 2:] = True, True
-    cell = touched.cell_with(LASER, Distance(name="bar", sigma=SHORT))
-    places = [f"base:bar.{c}" for c in "xyz"]
-    places += [f"base:base.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
-    rng, squared = np.random.default_rng(3), 0.0
-    for _ in range(8):
-        points, lengths = laser(theta), bar(theta)
-        readings[by_laser, :2] = points + BAR * rng.standard_normal(points.shape)
-        readings[by_bar, 2:, 0] = lengths + SHORT * rng.standard_normal(lengths.shape)
-        found = calib.identify(cell, measured(q, readings, seen))
-        at = touched.positions(found, *OFFSET_NAMES, *places)
-        assert found.dof == 3 * 28 + 28 - 12
-        error = found.values[at] - theta
-        squared += error @ np.linalg.solve(expected, error)
-        std = np.sqrt(np.diag(expected))
-        np.testing.assert_allclose(found.std[at] / found.noise.factor, std, rtol=0.03)
-    assert squared == pytest.approx(96.0, abs=4.0 * np.sqrt(192.0))
+# -- Tables of two instruments, and what an error of a target is
 
 
 def test_rows_of_two_instruments_go_through_a_table(tmp_path: Path) -> None:
@@ -224,7 +214,7 @@ def test_rows_of_two_instruments_go_through_a_table(tmp_path: Path) -> None:
     q, cell = drawn(5, 6), touched.cell_with(LASER, Distance(name="bar", markers=(1,)))
     readings, seen = np.zeros((5, 3, 3)), np.ones((5, 3), dtype=bool)
     readings[:, :2] = points_of(arm(), q, TRUE)
-    readings[:, 2, 0] = distances(np.concatenate([TRUE, ANCHOR]), q)[:, 1]
+    readings[:, 2, 0] = touched.length(readings[:, 1] - ANCHOR)
     seen[3, 0] = seen[1, 2] = False
     data = measured(q, readings, seen)
     text = measurements_csv(cell, data)
@@ -308,19 +298,23 @@ def anywhere(rng: np.random.Generator) -> Array:
     return np.concatenate([rng.uniform(-2.0, 2.0, 3), turned])
 
 
-def assert_offsets(found: calib.Identification) -> None:
+@pytest.mark.parametrize(
+    ("seed", "bodies", "known"), [*((k, 1, False) for k in range(6)), (3, 2, False), (3, 1, True)]
+)
+def test_place_and_bodies_without_a_guess(seed: int, bodies: int, known: bool) -> None:
+    """A body sits where the cell says if the model is without the tool."""
+    rng, q = np.random.default_rng(seed), drawn(12, seed)
+    Y, X = anywhere(rng), [anywhere(rng) for _ in range(bodies)]
+    cell = with_bodies(effects=("base", *(() if known else ("tool",)), ARM), bodies=bodies)
+    if known:
+        cell = replace(cell, markers=corners_of(frame(X[0])[:3, :3], X[0][:3]))
+    found = calib.identify(cell, of_bodies(q, *(seen_from(q, Y, x) for x in X)))
+    assert len(found.values) == (8 if known else 8 + 6 * bodies)
     at = touched.positions(found, *OFFSET_NAMES[:2])
     np.testing.assert_allclose(found.values[at], TRUE[:2], atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_place_and_body_without_a_guess(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    Y, X, q = anywhere(rng), anywhere(rng), drawn(12, seed)
-    found = calib.identify(with_bodies(), of_bodies(q, seen_from(q, Y, X)))
-    assert_offsets(found)
-    ((_, (p, r)),) = found.model.instruments[0].bodies(found.marker_positions)
-    np.testing.assert_allclose(frame(np.concatenate([p, r])), frame(X), atol=1e-9)
+    placed = found.model.instruments[0].bodies(found.marker_positions)
+    for (_, (p, r)), x in zip(placed, X, strict=True):
+        np.testing.assert_allclose(frame(np.concatenate([p, r])), frame(x), atol=1e-9)
     np.testing.assert_allclose(frame(found.bases["base"]), frame(Y), atol=1e-9)
 
 
@@ -328,29 +322,13 @@ def test_place_and_body_without_a_guess(seed: int) -> None:
 def test_axes_that_are_all_parallel(seed: int) -> None:
     """They leave a shift along them open between place and body; the poses are met all the same."""
     rng = np.random.default_rng(seed)
-    robot = random_robot(rng, 3)
-    origins = robot.origins.copy()
-    origins[1:3, :3, :3] = np.eye(3)
-    robot = replace(robot, axes=np.tile([0.0, 0.0, 1.0], (3, 1)), origins=origins)
+    robot = touched.parallel(random_robot(rng, 3))
     q = rng.uniform(-2.0, 2.0, (15, 3))
     T = frame(anywhere(rng)) @ tips(robot, q) @ frame(anywhere(rng))
     found = calib.identify(with_bodies(robot, ("base", "tool")), of_bodies(q, T))
     assert len(found.values) == 11
     assert found.distances["fitted_all"].max() < 1e-8
     assert found.by_instrument["eye", "mrad"]["fitted_all"] < 1e-5
-
-
-def test_two_bodies_and_a_known_one() -> None:
-    """Without the tool in the model the body sits where the cell says."""
-    rng, q = np.random.default_rng(3), drawn(10, 3)
-    Y, X = anywhere(rng), (anywhere(rng), anywhere(rng))
-    T = [seen_from(q, Y, x) for x in X]
-    assert_offsets(calib.identify(with_bodies(bodies=2), of_bodies(q, *T)))
-    known = with_bodies(effects=("base", ARM))
-    known = replace(known, markers=corners_of(frame(X[0])[:3, :3], X[0][:3]))
-    found = calib.identify(known, of_bodies(q, T[0]))
-    assert len(found.values) == 8
-    np.testing.assert_allclose(frame(found.bases["base"]), frame(Y), atol=1e-9)
 
 
 @pytest.mark.parametrize(("dof", "prismatic"), [(2, ()), (4, (1,)), (6, ()), (7, ())])
@@ -363,20 +341,15 @@ def test_rank_of_a_generic_chain(dof: int, prismatic: tuple[int, ...]) -> None:
 
 def test_quaternions_go_through_a_table(tmp_path: Path) -> None:
     """Of either sign; what is none is refused."""
-    rng, q = np.random.default_rng(2), drawn(40, 6)
+    rng, q, cell = np.random.default_rng(2), drawn(40, 6), with_bodies()
     T = seen_from(q, anywhere(rng), anywhere(rng))
-    plain = np.trace(T[:, :3, :3], axis1=1, axis2=2) > -0.5
-    q, T, cell = q[plain], T[plain], with_bodies()
-    R = T[:, :3, :3]
-    w = np.sqrt(1.0 + np.trace(R, axis1=1, axis2=2)) / 2.0
-    odd = [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]
-    expected = np.column_stack([1e3 * T[:, :3, 3], w, *(o / (4.0 * w) for o in odd)])
+    turns = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
     text = measurements_csv(cell, of_bodies(q, T))
     header, *lines = text.splitlines()
     assert header.endswith("x_mm,y_mm,z_mm,qw,qx,qy,qz")
     cut = [line.split(",") for line in lines]
     written = np.array([own[-7:] for own in cut], dtype=float)
-    np.testing.assert_allclose(written, expected, atol=1e-5)
+    np.testing.assert_allclose(written, np.c_[1e3 * T[:, :3, 3], turns], atol=1e-5)
     signs = [",".join([*own[:-4], *(f"{-float(v)}" for v in own[-4:])]) for own in cut]
     (tmp_path / "m.csv").write_text("\n".join([header, *signs]) + "\n")
     back = calib.load_measurements(cell, tmp_path / "m.csv")
@@ -404,26 +377,3 @@ def test_approach_pose_is_for_points() -> None:
     data = of_bodies(q, seen_from(q, np.zeros(6), np.zeros(6)))
     with pytest.raises(calib.CalibError, match="use approach points"):
         calib.identify(with_bodies(), data, approach="pose")
-
-
-HELD_OUT = {
-    "fr3_eye_in_hand": (1.6, 4.2), "positioner_poses": (0.44, 1.0), "iiwa7_torque": (0.70, 4.0)
-}  # fmt: skip
-NOMINAL = {"fr3_eye_in_hand": (4.54, 12.1), "positioner_poses": (0.458, 0.98)}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", list(HELD_OUT))
-def test_real_poses(data: Path, name: str) -> None:
-    cell = calib.load_cell(data / name / "cell.toml")
-    table = calib.load_measurements(cell, data / name / "measurements.csv")
-    found = []
-    for seed in range(10 if name == "positioner_poses" else 5):
-        kept, held = table.split(0.3, np.random.default_rng(seed))
-        result = calib.identify(cell, kept, heldout=held)
-        assert result.status == "converged"
-        found.append([rms["heldout"] for rms in result.by_instrument.values()])
-    assert (np.median(found, axis=0) <= HELD_OUT[name]).all()
-    if name in NOMINAL:
-        nominal = [rms["nominal"] for rms in calib.identify(cell, table).by_instrument.values()]
-        np.testing.assert_allclose(nominal, NOMINAL[name], rtol=0.01)

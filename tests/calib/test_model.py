@@ -16,7 +16,6 @@ from calib.arm.se3 import fit_rigid, so3_log
 from calib.arrays import Array
 from calib.cell import Load
 from calib.cell.targets import targets_of
-from calib.effects import EFFECTS
 from calib.effects.geometry import LinkGeometry
 from calib.effects.protocol import Effect
 from calib.errors import CalibError, EffectCannotAct
@@ -35,11 +34,13 @@ from tests.helpers import (
     all_seen,
     cell_of,
     central_difference,
+    model_of,
     random_poses,
     random_robot,
     simulated,
     with_effects,
 )
+from tests.touched_arm import parallel
 
 # -- Ranks of the KR 270, and completeness on chains of any kind
 
@@ -55,20 +56,28 @@ def rank(*X: Array, tol: float = 1e-7) -> int:
     return int(np.linalg.matrix_rank(np.hstack(X), tol=tol))
 
 
-def everywhere(cell: Cell, *kinds: str) -> tuple[Effect, ...]:
+def everywhere(cell: Cell, kinds: Sequence[str]) -> tuple[Effect, ...]:
     """Effects at every place that they may have."""
-    context = context_of(cell, None)
-    return tuple(
-        EFFECTS[kind].at(context, where)
-        for kind in kinds
-        for where in EFFECTS[kind].places(context)
-    )
+    return model_of(context_of(cell, None), kinds).effects
 
 
-@pytest.mark.parametrize(("markers", "expected"), [(1, 27), (2, 30), (3, 33)])
-def test_rank_of_the_kr270(kr270: Cell, markers: int, expected: int) -> None:
-    cell = cell_of(kr270.robot, ON_TOOL[:markers], RIGID)
-    assert len(calib.parameters(cell)) == expected
+# Without base and tool a 6R arm has all 30 pose parameters; a joint's offset is part of geometry.
+@pytest.mark.parametrize(
+    ("markers", "effects", "count"),
+    [
+        (1, RIGID, 27),
+        (2, RIGID, 30),
+        (3, RIGID, 33),
+        (3, ("geometry",), 30),
+        (3, (*RIGID, "joint_offset"), 33),
+        (3, (*RIGID[:2], "geometry:A1,A2,A3,A4,A5,A6,tool0"), 33),
+    ],
+)
+def test_how_many_are_left_to_identify(
+    kr270: Cell, markers: int, effects: Sequence[str], count: int
+) -> None:
+    cell = cell_of(kr270.robot, ON_TOOL[:markers], effects)
+    assert len(calib.parameters(cell)) == count
     singular = np.linalg.svd(scaled_matrix(build(cell).model), compute_uv=False)
     assert singular[0] / singular[-1] < 100.0, "and the chosen set is well conditioned"
 
@@ -85,7 +94,7 @@ PUBLISHED = {
 def test_published_set_spans_the_same(kr270: Cell) -> None:
     """The 18 parameters of the RCIM 2015 companion paper move the markers as the reduced set does."""
     cell = cell_of(kr270.robot, ON_TOOL, RIGID)
-    reduced, placed = build(cell).model, list(everywhere(cell, "base", "tool"))
+    reduced, placed = build(cell).model, list(everywhere(cell, RIGID[:2]))
     for joint, names in PUBLISHED.items():
         components = tuple(LinkGeometry.names.index(name) for name in names.split())
         own = LinkGeometry.at(context_of(cell, None), joint)
@@ -96,18 +105,26 @@ def test_published_set_spans_the_same(kr270: Cell) -> None:
 
 
 @pytest.mark.parametrize(
-    ("dof", "prismatic"), [(1, ()), (2, ()), (3, (1,)), (5, ()), (7, ()), (6, (0, 3)), (9, ())]
+    ("dof", "prismatic"),
+    [(1, ()), (2, ()), (3, (1,)), (5, ()), (7, ()), (6, (0, 3)), (9, ()), ("SCARA", (2,))],
 )
 @pytest.mark.parametrize("markers", [1, 3])
+@pytest.mark.parametrize("effects", [RIGID[:2], RIGID])
 def test_reduced_set_is_complete_and_irreducible(
-    dof: int, prismatic: tuple[int, ...], markers: int
+    dof: int | str, prismatic: tuple[int, ...], markers: int, effects: tuple[str, ...]
 ) -> None:
-    """Against the rank of all six errors of every segment, with base and markers."""
-    rng = np.random.default_rng(dof)
-    robot = random_robot(rng, dof, prismatic)
-    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (markers, 3)), RIGID)
+    """Against the rank of all six errors of every segment, with base and markers.
+
+    A SCARA cannot tell the height of its markers from that of its base.
+    """
+    count = dof if isinstance(dof, int) else 3
+    rng = np.random.default_rng(count)
+    robot = random_robot(rng, count, prismatic)
+    if dof == "SCARA":
+        robot = parallel(robot)
+    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (markers, 3)), effects)
     reduced = build(cell).model
-    X, full = scaled_matrix(reduced), reduced.with_effects(everywhere(cell, *RIGID))
+    X, full = scaled_matrix(reduced), reduced.with_effects(everywhere(cell, effects))
     assert rank(X) == X.shape[1] == rank(scaled_matrix(full))
 
 
@@ -129,19 +146,6 @@ def test_every_dropped_parameter_is_explained(kr270: Cell) -> None:
     assert names["geometry:tool0.x"] == {f"tool:marker:m{j}.x" for j in (1, 2, 3)}
 
 
-# Without base and tool a 6R arm has all 30 pose parameters; a joint's offset is part of geometry.
-@pytest.mark.parametrize(
-    ("effects", "count"),
-    [
-        (("geometry",), 30),
-        ((*RIGID, "joint_offset"), 33),
-        ((*RIGID[:2], "geometry:A1,A2,A3,A4,A5,A6,tool0"), 33),
-    ],
-)
-def test_how_many_are_left_to_identify(kr270: Cell, effects: Sequence[str], count: int) -> None:
-    assert len(calib.parameters(cell_of(kr270.robot, ON_TOOL, effects))) == count
-
-
 @pytest.mark.parametrize(
     ("effects", "said"),
     [
@@ -154,17 +158,6 @@ def test_what_others_absorb_is_refused_where_it_was_asked_for(
 ) -> None:
     with pytest.raises(EffectCannotAct, match=said):
         build(cell_of(kr270.robot, ON_TOOL, effects))
-
-
-@pytest.mark.parametrize("effects", [RIGID[:2], RIGID])
-def test_markers_and_base_of_an_arm_in_a_plane_are_reduced_too(effects: tuple[str, ...]) -> None:
-    """A SCARA cannot tell the height of its markers from that of its base."""
-    rng = np.random.default_rng(0)
-    robot = random_robot(rng, 3, prismatic=(2,))
-    flat = replace(robot, axes=np.tile([0.0, 0.0, 1.0], (3, 1)), origins=robot.origins.copy())
-    flat.origins[:, :3, :3] = np.eye(3)
-    X = scaled_matrix(build(cell_of(flat, rng.uniform(-0.2, 0.2, (3, 3)), effects)).model)
-    assert rank(X) == X.shape[1]
 
 
 @pytest.mark.parametrize("ends", [("base", "tool"), ("tool",), ()])

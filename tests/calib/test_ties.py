@@ -25,34 +25,21 @@ from calib.errors import CalibError, InputError
 from calib.files.cell import coupled, load_cell
 from calib.files.tables import load_measurements, load_plan
 from calib.files.urdf import load_urdf
-from calib.files.write_tables import joint_header, measurements_csv, plan_csv
+from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.prediction.commands import Goal, reach, tip_of
 from doe.candidates import drawn
 from studies.command.program import program_text
 from tests.helpers import all_seen, cell_of, cell_text, random_robot
-from tests.trees import Joint, placed
+from tests.trees import Joint, chain, placed, urdf
 
 MARKERS = np.array([[0.1, 0.0, 0.05], [-0.05, 0.09, 0.05], [-0.05, -0.08, 0.07]])
 
 
-def chain(seed: int, rows: Sequence[tuple[str, str]], beside: str = "") -> list[Joint]:
-    """Joints by name and kind, each on the one before, but for one that stands beside them."""
-    rng, joints, parent = np.random.default_rng(seed), [], "base"
-    for name, kind in rows:
-        axis = rng.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        xyz, rpy, com = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1, 1, 3), rng.normal(size=3) * 0.1
-        joints.append(Joint(name, kind, parent, f"l_{name}", xyz, rpy, axis, 2.0, com))
-        parent = parent if name == beside else f"l_{name}"
-    return joints
-
-
 def at(joints: list[Joint], link: str, values: Mapping[str, float]) -> Array:
     """Where a link stands, (3,), m, of joints with these values."""
-    rooted = [replace(j, parent="root") if j.parent == "base" else j for j in joints]
-    return placed(rooted, dict(values))[link][:3, 3]
+    return placed(joints, values)[link][:3, 3]
 
 
 # -- A column of two slides and a tilt that follow the lift, and an arm of six on it
@@ -61,16 +48,21 @@ def at(joints: list[Joint], link: str, values: Mapping[str, float]) -> Array:
 @pytest.fixture(params=["inside", "outside"])
 def arm(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Robot, list[Joint]]:
     """Inside: the lift is the first joint of the chain; outside: it stands beside it."""
-    rows = [("lift", "prismatic"), ("a", "prismatic"), ("b", "revolute")]
-    rows += [(f"j{k}", "revolute") for k in range(1, 7)]
-    joints = chain(3, rows, "lift" if request.param == "outside" else "")
-    text = "".join(j.text for j in joints).replace("</joint>", "{}</joint>")
-    mimics = ["", '<mimic joint="lift" multiplier="0.5" offset="-0.2"/>',
-              '<mimic joint="a" multiplier="-0.5" offset="0.3"/>', *6 * [""]]  # fmt: skip
-    text = f'<robot name="r"><link name="base"/>{text.format(*mimics)}</robot>'
-    text = text.replace('lower="-2" upper="2"', 'lower="0.1" upper="1.7"', 1)
+    kinds = {"lift": "prismatic", "a": "prismatic", "b": "revolute"}
+    kinds |= {f"j{k}": "revolute" for k in range(1, 7)}
+    joints = chain(np.random.default_rng(3), kinds)
+    if request.param == "outside":
+        joints[1] = replace(joints[1], parent="root")
+    mimics = {
+        "a": 'joint="lift" multiplier="0.5" offset="-0.2"',
+        "b": 'joint="a" multiplier="-0.5" offset="0.3"',
+    }
+    text = urdf(joints).replace('lower="-2" upper="2"', 'lower="0.1" upper="1.7"', 1)
+    for name, of in mimics.items():
+        start = f'<joint name="{name}" type="{kinds[name]}">'
+        text = text.replace(start, f"{start}<mimic {of}/>")
     (tmp_path / "arm.urdf").write_text(text)
-    return load_urdf(tmp_path / "arm.urdf", "base", "l_j6"), joints
+    return load_urdf(tmp_path / "arm.urdf", "root", "l_j6"), joints
 
 
 def follows(robot: Robot, q: Array) -> bool:
@@ -134,18 +126,14 @@ def test_without_a_column_one_line_says_what_to_add(
         loaded(robot, tmp_path / "t.csv", turns(np.zeros((2, 6))))
 
 
-def test_what_is_drawn_keeps_to_it_and_within_all_limits(arm: tuple[Robot, list[Joint]]) -> None:
-    robot, _ = arm
-    here = cell(robot)
-    assert follows(robot, here.robot.sobol(50))
-    assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
-
-
-def test_a_plan_keeps_to_it_and_tells_the_master(
+def test_what_is_drawn_and_planned_keeps_to_it(
     arm: tuple[Robot, list[Joint]], tmp_path: Path
 ) -> None:
+    """And within all limits; a table of a plan tells the master."""
     robot, _ = arm
     here = replace(cell(robot), design=Planned())
+    assert follows(robot, here.robot.sobol(50))
+    assert follows(robot, np.concatenate(list(drawn(here, 200, None, 0))))
     plan = doe.design(here, poses=14, criterion="D", candidates=100)
     assert follows(robot, plan.poses.q)
     text = plan_csv(here, plan.poses)
@@ -155,25 +143,8 @@ def test_a_plan_keeps_to_it_and_tells_the_master(
     np.testing.assert_allclose(load_plan(here, tmp_path / "plan.csv").q, plan.poses.q, atol=1e-9)
     with pytest.raises(InputError, match="6 after them at most, each with a drive"):
         program_text(".src", "p", here, plan.poses, "plan.csv", [])
-    said = "levels of b: it moves with lift; give levels of"
-    with pytest.raises(CalibError, match=said):
+    with pytest.raises(CalibError, match="levels of b: it moves with lift; give levels of"):
         doe.design(here, levels="b=2x3", candidates=100)
-
-
-def test_measurements_are_written_as_they_were_read(
-    arm: tuple[Robot, list[Joint]], tmp_path: Path
-) -> None:
-    robot, _ = arm
-    here = cell(robot)
-    q, model = here.robot.sobol(5), build(here).model
-    for shift in (0.0, 1e-3):
-        q[:, robot.joints.index("b")] += shift
-        points = model.predict(model.initial, poses_at(q))
-        text = measurements_csv(here, all_seen(poses_at(q), points))
-        assert ("b_deg" in text) is (shift > 0.0)
-        (tmp_path / "t.csv").write_text(text)
-        again = load_measurements(here, tmp_path / "t.csv")
-        np.testing.assert_allclose(again.poses.q, q, atol=1e-9)
 
 
 def test_constants_that_only_other_ratios_would_tell_are_left_out() -> None:
@@ -223,13 +194,12 @@ def test_the_published_column_and_one_joint_in_its_place_are_identified_alike(
 # -- A joint that two others move
 
 LEVEL = "[robot.coupled.c]\nof = { a = -1, b = -0.5 }\noffset_deg = 10.0\n"
-SEVEN = chain(5, [(name, "prismatic" if name == "g" else "revolute") for name in "abcdefg"])
+SEVEN = chain(np.random.default_rng(5), dict.fromkeys("abcdef", "revolute") | {"g": "prismatic"})
 
 
 def coupled_cell(folder: Path, tables: str = LEVEL) -> Cell:
-    text = '<robot name="r"><link name="base"/>' + "".join(j.text for j in SEVEN) + "</robot>"
-    (folder / "arm.urdf").write_text(text)
-    robot = 'urdf = "arm.urdf"\nbase = "base"\ntip = "l_g"\n'
+    (folder / "arm.urdf").write_text(urdf(SEVEN))
+    robot = 'urdf = "arm.urdf"\nbase = "root"\ntip = "l_g"\n'
     (folder / "cell.toml").write_text(cell_text(robot + tables))
     return load_cell(folder / "cell.toml")
 
@@ -251,7 +221,10 @@ def test_those_that_move_it_tell_where_it_is(tmp_path: Path) -> None:
         np.testing.assert_allclose(tip, expected, atol=1e-9)
     # A column of its own is used as it is, and is written then.
     q[:, 2] += 0.1
-    assert "c_deg" in joint_header(here.robot, q)
+    text = measurements_csv(here, all_seen(poses_at(q), np.ones((64, 1, 3))))
+    assert "c_deg" in text.splitlines()[0]
+    (tmp_path / "t.csv").write_text(text)
+    np.testing.assert_allclose(load_measurements(here, tmp_path / "t.csv").poses.q, q, atol=1e-8)
 
 
 def test_one_that_follows_one_that_follows() -> None:

@@ -6,28 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import Cell
+from calib import Cell, instruments
 from calib.arm.se3 import inverse, so3_exp, so3_log, transform
 from calib.arrays import Array
-from calib.effects import EFFECTS, Context
+from calib.effects import Context
 from calib.effects.protocol import Effect
-from calib.instruments import (
-    ArmCamera,
-    Distance,
-    FixedCamera,
-    Instrument,
-    Plane,
-    Pose,
-    Socket,
-    Tracker,
-)
 from calib.instruments.board import Board
 from calib.instruments.lens import Lens
 from calib.instruments.riding import corners_of
 from calib.model import Model
 from calib.noise import Noise
 from calib.poses import Poses
-from tests.helpers import GRAVITY, cell_of, random_poses, random_robot
+from tests.helpers import GRAVITY, cell_of, model_of, random_poses, random_robot
 from tests.plain_arm import tips
 
 LENS = Lens(np.array([1400.0, 1380.0, 960.0, 540.0, -0.12, 0.05, 8e-4, -5e-4, -0.01]))
@@ -46,29 +36,20 @@ class Scene:
 
     def model(self, *effects: Effect, of: str = "") -> Model:
         """The instruments, or those of one kind, at unknown places, with these effects."""
-        context = self.context
-        read = tuple(i for i in context.instruments if of in ("", i.kind))
-        stands = replace(context, instruments=read)
-        base = [EFFECTS["base"].at(stands, w) for w in EFFECTS["base"].places(stands)]
-        return Model(
-            context.robot,
-            context.marker_names,
-            context.markers,
-            (*base, *effects),
-            context.payload,
-            context.gravity,
-            read,
-        )
+        stands = model_of(replace(self.context, instruments=self.read(of)), ["base"])
+        return stands.with_effects((*stands.effects, *effects))
+
+    def read(self, kind: str) -> tuple[instruments.Instrument, ...]:
+        return tuple(i for i in self.context.instruments if kind in ("", i.kind))
 
     def cell(self, kind: str, *effects: str) -> Cell:
         """With the instruments of one kind."""
         context = self.context
-        read = tuple(i for i in context.instruments if i.kind == kind)
         return replace(
             cell_of(context.robot, context.markers, effects),
             marker_names=context.marker_names,
             bodies=context.bodies,
-            instruments=read,
+            instruments=self.read(kind),
         )
 
     def at(self, model: Model) -> Array:
@@ -76,12 +57,16 @@ class Scene:
         values = model.initial
         for effect, part in model.parts:
             if effect.kind == "base":
-                values[part] = self.places[effect.where]
+                place = self.places[effect.where]
+                values[part.start : part.start + len(place)] = place
         return values
 
 
-def scene(seed: int, count: int) -> Scene:
-    """Two markers, a body, a camera and a board on the tip; two boards and three sockets beside it."""
+def scene(seed: int, count: int, free: bool = False) -> Scene:
+    """Two markers, a body, a camera and a board on the tip; two boards and three sockets beside it.
+
+    free : whether no lens is known
+    """
     rng = np.random.default_rng(seed)
     robot = random_robot(rng, 5)
     poses = random_poses(rng, robot, count)
@@ -103,21 +88,18 @@ def scene(seed: int, count: int) -> Scene:
     names = ["m1", "m2"] + [f"{b}{e}" for b in ("flange", "eye") for e in ("", ":x", ":y")]
     names += [f"plate:{i}" for i in range(len(plate))]
     bodies = {"flange": slice(2, 5), "eye": slice(5, 8), "plate": slice(8, 15)}
-    given = {"lens": LENS, "sigma": 0.2}
+    square = np.repeat([4e-8, 1e-7], 3)  # of deviations, m2 and rad2
+    given = {"lens": LENS, "sigma": 0.2, "free": np.arange(9 if free else 0)}
+    on_tip = (Board("plate", slice(2, 9), plate),)
     boards = (Board("tiles", slice(0, 5), tiles), Board("solid", slice(5, 11), solid))
-    instruments: tuple[Instrument, ...] = (
-        Tracker(name="laser", markers=(0, 1), noise=Noise.isotropic(2e-5)),
-        Pose(name="mocap", markers=(2, 3, 4), covariance=np.diag(np.repeat([4e-8, 1e-7], 3))),
-        FixedCamera(
-            name="wall",
-            markers=(0, 1, *range(8, 15)),
-            boards=(Board("plate", slice(2, 9), plate),),
-            **given,
-        ),
-        ArmCamera(name="eye", markers=(5, 6, 7) * 11, boards=boards, **given),
-        Distance(name="bar", markers=(0, 1), sigma=2e-5, offset=True),
-        Plane(name="table", markers=(0, 1), sigma=2e-5),
-        Socket(name=SITES[0], markers=(0, 1), sigma=2e-5, sites=SITES),
+    read: tuple[instruments.Instrument, ...] = (
+        instruments.Tracker(name="laser", markers=(0, 1), noise=Noise.isotropic(2e-5)),
+        instruments.Pose(name="mocap", markers=(2, 3, 4), covariance=np.diag(square)),
+        instruments.FixedCamera(name="wall", markers=(0, 1, *range(8, 15)), boards=on_tip, **given),
+        instruments.ArmCamera(name="eye", markers=(5, 6, 7) * 11, boards=boards, **given),
+        instruments.Distance(name="bar", markers=(0, 1), sigma=2e-5, offset=True),
+        instruments.Plane(name="table", markers=(0, 1), sigma=2e-5),
+        instruments.Socket(name=SITES[0], markers=(0, 1), sigma=2e-5, sites=SITES),
     )
     context = Context(
         robot=robot,
@@ -125,10 +107,11 @@ def scene(seed: int, count: int) -> Scene:
         marker_names=tuple(names),
         gravity=GRAVITY,
         measured_load=True,
-        instruments=instruments,
+        instruments=read,
         bodies=bodies,
     )
-    wall = inverse(tip @ turned_to(rng, markers[3].mean(axis=0)))
+    R = so3_exp(rng.normal(size=3))  # of the camera on the wall, whose axis points at the plate
+    wall = inverse(tip @ transform(R, markers[3].mean(axis=0) - R[:, 2] * _AHEAD))
     ahead = np.concatenate([place_of(tip @ camera @ before(rng)) for _ in boards])
     places = {
         "base": rng.normal(size=6),
@@ -149,12 +132,6 @@ def framed(rng: np.random.Generator) -> Array:
 def before(rng: np.random.Generator) -> Array:
     """A board's frame in that of a camera which looks at it."""
     return transform(so3_exp(0.4 * rng.normal(size=3)), np.array([0.0, 0.1, _AHEAD]))
-
-
-def turned_to(rng: np.random.Generator, target: Array) -> Array:
-    """A camera's frame in that of the tip, its axis towards a point (3,)."""
-    R = so3_exp(rng.normal(size=3))
-    return transform(R, target - R[:, 2] * _AHEAD)
 
 
 def corners(T: Array) -> Array:

@@ -10,49 +10,36 @@ import numpy as np
 import pytest
 
 import calib
-from calib.arrays import Array
 from calib.files.write_tables import measurements_csv, plan_csv
 from calib.model.build import build
-from calib.poses import Measurements, poses_at
+from calib.poses import Measurements
+from tests import trees
 from tests.bad_inputs.run import posecal
+from tests.day import anywhere
 from tests.helpers import cell_text
 
-ELEMENT = """\
-  <link name="l{k}"><inertial><mass value="3.5"/></inertial></link>
-  <joint name="j{k}" type="{kind}">
-    <origin xyz="{xyz}" rpy="{rpy}"/><parent link="l{before}"/><child link="l{k}"/>
-    <axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="0"/>
-  </joint>
-"""
 MARKERS = "a = [120.5, 0, 3]\nb = [-40, 90, 0]\nc = [0, 0, 150]"
-
-
-def chain(n: int, folder: Path) -> tuple[calib.Cell, Array]:
-    """A random chain as files, and how far its joints go, (dof,), rad or m."""
-    rng = np.random.default_rng(n)
-    kinds = ["fixed" if rng.random() < 0.2 else str(rng.choice(KINDS)) for _ in range(n)]
-    kinds[rng.integers(n)] = "revolute"
-    numbers = rng.uniform(-0.6, 0.6, (n, 3)), rng.uniform(-3, 3, (n, 3)), rng.normal(size=(n, 3))
-    high = np.where(np.array(kinds) == "prismatic", 0.7, 2.5)
-    text = '<?xml version="1.0"?>\n<robot name="chain">\n  <link name="l0"/>\n'
-    for k, kind in enumerate(kinds):
-        xyz, rpy, axis = (" ".join(f"{value:.17g}" for value in own[k]) for own in numbers)
-        text += ELEMENT.format(
-            k=k + 1, before=k, kind=kind, xyz=xyz, rpy=rpy, axis=axis, low=-high[k], high=high[k]
-        )
-    (folder / "arm.urdf").write_text(text + "</robot>\n")
-    robot = f'urdf = "arm.urdf"\nbase = "l0"\ntip = "l{n}"'
-    (folder / "cell.toml").write_text(cell_text(robot, MARKERS))
-    return calib.load_cell(folder / "cell.toml"), high[np.array(kinds) != "fixed"]
 
 
 KINDS = ("revolute", "continuous", "prismatic")
 
 
-def measured(cell: calib.Cell, high: Array, count: int) -> Measurements:
+def written(n: int, folder: Path) -> calib.Cell:
+    """A random chain as files."""
+    rng = np.random.default_rng(n)
+    kinds = ["fixed" if rng.random() < 0.2 else str(rng.choice(KINDS)) for _ in range(n)]
+    kinds[rng.integers(n)] = "revolute"
+    joints = trees.chain(rng, {f"j{k}": kind for k, kind in enumerate(kinds, 1)})
+    (folder / "arm.urdf").write_text(trees.urdf(joints))
+    robot = f'urdf = "arm.urdf"\nbase = "root"\ntip = "l_j{n}"'
+    (folder / "cell.toml").write_text(cell_text(robot, MARKERS))
+    return calib.load_cell(folder / "cell.toml")
+
+
+def measured(cell: calib.Cell, count: int) -> Measurements:
     """Readings without noise of an arm with errors of half a millimetre, its base anywhere."""
     rng = np.random.default_rng(count)
-    poses = poses_at(rng.uniform(-1, 1, (count, len(high))) * high)
+    poses = anywhere(cell, rng, count)
     model = build(cell, poses).model
     base = np.array([p.effect == "base" for p in model.parameters])
     values = np.where(base, rng.uniform(-1.7, 1.7, len(base)), 5e-4 * rng.normal(size=len(base)))
@@ -64,8 +51,8 @@ def measured(cell: calib.Cell, high: Array, count: int) -> Measurements:
 
 @pytest.mark.parametrize("n", range(1, 10))
 def test_tables_are_read_as_they_were_written(n: int, tmp_path: Path) -> None:
-    cell, high = chain(n, tmp_path)
-    rng, data = np.random.default_rng(0), measured(cell, high, 12)
+    cell = written(n, tmp_path)
+    rng, data = np.random.default_rng(0), measured(cell, 12)
     session = {
         "time": np.arange(12.0) * 7.5,
         "temperature": rng.uniform(15, 30, 12).round(2),
@@ -92,8 +79,8 @@ def test_tables_are_read_as_they_were_written(n: int, tmp_path: Path) -> None:
 )
 def test_identified_without_noise(n: int, tmp_path: Path) -> None:
     """Every chain is solved to the digits of the table, and the same call gives the same bytes."""
-    cell, high = chain(n, tmp_path)
-    data = measured(cell, high, 20 + 4 * len(high))
+    cell = written(n, tmp_path)
+    data = measured(cell, 20 + 4 * cell.robot.dof)
     (tmp_path / "data.csv").write_text(measurements_csv(cell, data))
     texts = []
     for name in ("one.json", "two.json"):

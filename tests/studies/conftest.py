@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.fuzz.small_cell import put_small_cell
 from tests.helpers import measured_cell
 from tests.studies.command_line import ran, run
 
@@ -48,3 +49,10 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     (folder / "targets.csv").write_text(TARGETS)
     return folder
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """A cell of two joints, a plan, and 15 points at eight poses, the last as the first."""
+    put_small_cell(tmp_path)
+    return tmp_path

@@ -17,18 +17,17 @@ from studies.demo.embedded import __file__ as demo_file
 from studies.results.base import envelope
 from studies.results.diagnose import DiagnoseResult
 from studies.results.plan import PlanResult
-from tests.fuzz.small_cell import put_small_cell, small_results
+from tests.fuzz.small_cell import small_results
 from tests.studies.command_line import ran, result
 
 
-def test_figures_and_cell_are_written_together(tmp_path: Path) -> None:
-    put_small_cell(tmp_path)
-    better, figures = tmp_path / "better.toml", tmp_path / "figures"
-    call = ("diagnose", tmp_path / "cell.toml", tmp_path / "data.csv", "--cell-out", better)
-    _, said = result(tmp_path / "d.json", *call, "--figures", figures)
+def test_figures_and_cell_are_written_together(small: Path) -> None:
+    better, figures = small / "better.toml", small / "figures"
+    call = ("diagnose", small / "cell.toml", small / "data.csv", "--cell-out", better)
+    _, said = result(small / "d.json", *call, "--figures", figures)
     assert [p.name for p in figures.iterdir()] == ["causes.svg"]
     assert f"{better}: the model as it was; no effect was found" in said
-    assert str(tmp_path) not in better.read_text(), "the robot is named from where it stands"
+    assert str(small) not in better.read_text(), "the robot is named from where it stands"
 
 
 Told = tuple[dict[str, Any], str, Path]

@@ -18,13 +18,13 @@ import calib
 from calib import load_cell
 from calib.arm.kinematics import forward
 from calib.arm.robot import Robot
+from calib.arm.se3 import fit_rigid
 from calib.arrays import Array
 from calib.files.cell_out import extended_cell
 from calib.files.urdf import load_urdf
 from studies.research.truth.day import Day, Setting, draw_day, write_day
 from studies.research.truth.mechanism import Action
 from tests.calib.test_trees import body_positions
-from tests.fuzz.small_cell import put_small_cell
 from tests.studies.command_line import refused, result, run
 from tests.trees import as_mjcf
 
@@ -71,33 +71,25 @@ def test_what_a_rigid_robot_cannot_hold_is_said(demo: Path) -> None:
     assert soft in (demo / "said").read_text()
 
 
-@pytest.fixture
-def small(tmp_path: Path) -> tuple[Path, Path]:
-    """The files of a cell and a table of 15 points at eight poses, the last as the first."""
-    put_small_cell(tmp_path)
-    return tmp_path / "cell.toml", tmp_path / "data.csv"
-
-
-def test_json_to_standard_output_is_json_alone(small: tuple[Path, Path]) -> None:
-    done = run("identify", *small, "--json", "-")
+def test_json_to_standard_output_is_json_alone(small: Path) -> None:
+    done = run("identify", small / "cell.toml", small / "data.csv", "--json", "-")
     assert json.loads(done.stdout)["status"] == "converged"
     assert "11 of 11 parameters" in done.stderr
 
 
-def test_holdout_by_fraction_and_by_file(small: tuple[Path, Path], tmp_path: Path) -> None:
-    cell, table = small
+def test_holdout_by_fraction_and_by_file(small: Path) -> None:
+    cell, table = small / "cell.toml", small / "data.csv"
 
     def held(holdout: object, *more: object) -> dict[str, Any]:
         call = ("identify", cell, table, "--holdout", holdout, *more)
-        return result(tmp_path / "out.json", *call)[0]
+        return result(small / "out.json", *call)[0]
 
     first, other = held("0.3"), held("0.3", "--seed", 1)
     assert other["rms_mm"] != first["rms_mm"], "the seed decides"
     assert first["rms_mm"]["heldout"] > 0
     poses = {r["pose"] for r in other["residuals"] if r["heldout"]}
     assert poses == {"p0", "p6", "p7"}, "two configurations, one of them visited twice"
-    assert "holds the data themselves" in refused("identify", cell, table, "--holdout", table)
-    copy = tmp_path / "copy.csv"
+    copy = small / "copy.csv"
     copy.write_text(table.read_text())
     both = held(copy)
     assert both["rms_mm"]["heldout"] == pytest.approx(both["rms_mm"]["fitted"])
@@ -112,10 +104,10 @@ def test_holdout_by_fraction_and_by_file(small: tuple[Path, Path], tmp_path: Pat
 )
 @pytest.mark.parametrize("timed", [True, False], ids=["timed", "in order"])
 def test_poses_read_again_tell_of_drift(
-    step: float, again: bool, drifts: bool | None, timed: bool, small: tuple[Path, Path]
+    step: float, again: bool, drifts: bool | None, timed: bool, small: Path
 ) -> None:
     """Those that are held out as those that are fitted; the readings move step, mm, a pose."""
-    cell, table = small
+    cell, table = small / "cell.toml", small / "data.csv"
     header, *rows = table.read_text().splitlines()
     x, lines = header.split(",").index("x_mm"), [header + ",time_s" * timed]
     for visit in range(3 if again else 1):
@@ -126,8 +118,7 @@ def test_poses_read_again_tell_of_drift(
             values[0] = f"p{k}"
             lines.append(",".join([*values, *[str(300 * k)] * timed]))
     table.write_text("\n".join([*lines, ""]))
-    out = table.with_name("out.json")
-    fields, said = result(out, "identify", cell, table, "--holdout", "0.3")
+    fields, said = result(small / "out.json", "identify", cell, table, "--holdout", "0.3")
     assert (fields["drift_p"] is None) == (drifts is None)
     assert drifts is None or (fields["drift_p"] < 0.01) == drifts
     assert ("poses read again moved steadily" in said) == bool(drifts)
@@ -207,12 +198,9 @@ def of_mjcf(tmp_path_factory: pytest.TempPathFactory) -> Written:
 
 def best_placed(points: Array, true: Array) -> tuple[Array, Array, float]:
     """R (3, 3) and p (3,) that bring points (.., 3) nearest to true ones, and the RMS distance left."""
-    points, true = points.reshape(-1, 3), true.reshape(-1, 3)
-    a, b = points - points.mean(0), true - true.mean(0)
-    U, _, Vt = np.linalg.svd(a.T @ b)
-    R = (U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T
-    left = float(np.sqrt(((a @ R.T - b) ** 2).sum(-1).mean()))
-    return R, true.mean(0) - points.mean(0) @ R.T, left
+    T = fit_rigid(true.reshape(-1, 3), points.reshape(-1, 3))
+    R, p = T[:3, :3], T[:3, 3]
+    return R, p, float(np.sqrt(((points @ R.T + p - true) ** 2).sum(-1).mean()))
 
 
 def on_tip(robot: Robot, markers: Array, q: Array) -> Array:

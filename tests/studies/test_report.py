@@ -18,7 +18,7 @@ import studies
 from studies.render import short
 from studies.results.identify import IdentifyResult
 from studies.results.read import read, read_as
-from tests.fuzz.small_cell import put_small_cell, small_results
+from tests.fuzz.small_cell import small_results
 from tests.studies.command_line import check_harmless, ran, result, run
 from tests.studies.test_results import written
 
@@ -115,14 +115,6 @@ def test_every_kind_with_errors_before_and_after(name: str, tmp_path: Path) -> N
         assert ("This is the error of the fit." in text) == (name == "diagnosed")
 
 
-@pytest.fixture
-def small(tmp_path: Path) -> Path:
-    """The folder of a small cell, its files, and what was identified of them."""
-    put_small_cell(tmp_path)
-    written(tmp_path, "identified")
-    return tmp_path
-
-
 def test_inputs_that_changed_or_differ_are_named(small: Path) -> None:
     cell, table = small / "cell.toml", small / "data.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-2]))
@@ -132,7 +124,7 @@ def test_inputs_that_changed_or_differ_are_named(small: Path) -> None:
     assert "data.csv is another file in diagnosed.json than in fewer.json" in text
     cell.write_text(cell.read_text() + "\n")
     (small / "arm.urdf").unlink()
-    text = reported(small / "page.html", small / "identified.json")
+    text = reported(small / "page.html", written(small, "identified"))
     assert "cell.toml is changed since: the picture of the arm is left out" in text
     assert "not found" in text
     assert "What was identified" in text

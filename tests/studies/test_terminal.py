@@ -37,27 +37,22 @@ def edited(path: Path, *changes: tuple[str, str]) -> None:
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Path:
+def hostile(tmp_path: Path) -> Path:
+    """A cell with markup, mathematics and paths for names."""
     folder = tmp_path / "deep" / "cell"
     folder.mkdir(parents=True)
     put_small_cell(folder)
-    return folder
-
-
-@pytest.fixture
-def hostile(small: Path) -> Path:
-    """A cell with markup, mathematics and paths for names."""
     limits = f"[robot.limits_deg]\n'{JOINT}' = [-110, 110]\n[markers_mm]"
     edited(
-        small / "cell.toml", ("m1 =", f"'{MARKER}' ="), ('"small"', f'"{NAME}"'),
+        folder / "cell.toml", ("m1 =", f"'{MARKER}' ="), ('"small"', f'"{NAME}"'),
         ("[markers_mm]", limits), ('"joint_offset"', f"'transmission_scale:{JOINT}'"),
     )  # fmt: skip
     xml = JOINT.replace("<", "&lt;").replace(">", "&gt;")
-    edited(small / "arm.urdf", ('name="A2"', f'name="{xml}"'))
+    edited(folder / "arm.urdf", ('name="A2"', f'name="{xml}"'))
     for name in ("data.csv", "plan.csv", "targets.csv"):
-        edited(small / name, ("A2_deg", f"{JOINT}_deg"), ("\np", "\n../../p"))
-    edited(small / "data.csv", (",m1,", f",{MARKER},"))
-    return small
+        edited(folder / name, ("A2_deg", f"{JOINT}_deg"), ("\np", "\n../../p"))
+    edited(folder / "data.csv", (",m1,", f",{MARKER},"))
+    return folder
 
 
 def test_names_are_printed_as_they_are_and_name_no_files(

@@ -25,7 +25,7 @@ from tests.camera_cells import PINHOLE, camera_cell
 from tests.day import PLAN_MODEL, of_poses, whole_day
 from tests.helpers import cell_of, random_robot
 from tests.studies.command_line import paper_cell, ran, refused, result, run
-from tests.studies.test_texts import blocks
+from tests.studies.test_texts import run_block
 
 OPTIONS = ("--candidates", 2000, "--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3")
 
@@ -264,7 +264,7 @@ def test_program_holds_the_plan(ending: str, tmp_path: Path) -> None:
 def test_chains_that_a_language_has_no_axes_for(ending: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     rail = cell_of(random_robot(rng, 7, prismatic=[6]), np.zeros((1, 3)), ())
-    plan = calib.load_plan(cell := calib.load_cell(paper_cell(tmp_path)), tmp_path / "plan.csv")
+    plan = calib.load_plan(calib.load_cell(paper_cell(tmp_path)), tmp_path / "plan.csv")
     if ending != ".script":
         longer = replace(plan, q=np.c_[0.0 * plan.q, np.full(len(plan), 0.25)])
         free = replace(rail.robot, limits=np.full((7, 2), [-9.0, 9.0]))
@@ -320,8 +320,7 @@ def test_images_of_a_board_become_rows(tmp_path: Path, monkeypatch: pytest.Monke
         photographs.cv2.imwrite(f"images/shot{k}.png", image)
         truth.append(photographs.pixels(photographs.points_of(), T))
     photographs.cv2.imwrite("images/shot2.png", np.full((720, 960), 90, np.uint8))
-    (block,) = blocks("CharucoDetector")
-    exec(compile(block, "import.md", "exec"), {})
+    run_block("CharucoDetector")
     Path("kr270.urdf").write_text(embedded_text("kr270.urdf"))
     text = camera_cell(photographs.CHARUCO, PINHOLE, "kr270.urdf", "base_link", "tool0")
     Path("cell.toml").write_text(text.replace("[boards.b]", "[boards.table]"))

@@ -30,12 +30,7 @@ from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
 from studies.compare import simulate
-from studies.compare.experiment import (
-    POINTS,
-    WAYS,
-    experiment_of,
-    predict,
-)
+from studies.compare.experiment import POINTS, WAYS, experiment_of, predict
 from studies.compare.simulate import MOST_TRIALS, Refits, agreement, engine, refits
 from studies.results.compare import (
     Agreement,

@@ -243,51 +243,64 @@ def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
 
 
 PAGES = 11
+CUT = """() => [...document.querySelectorAll("h1, h2, h3, p, li, figcaption, summary, .box")]
+    .filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"""
+BROKEN = """() => [...document.querySelectorAll("th, td, dd")].flatMap(cell => {
+    const node = [...cell.childNodes].find(own => own.nodeType === 3), range = new Range();
+    if (!node || !cell.offsetParent || cell.closest(".bars")) return [];
+    return [...node.data.matchAll(/[A-Za-z_]{3,24}/g)].filter(({ index, 0: word }) => {
+        range.setStart(node, index); range.setEnd(node, index + word.length);
+        return new Set([...range.getClientRects()].map(box => box.top)).size > 1;
+    }).map(found => found[0]); })"""
+LETTERS = """() => [...document.querySelectorAll("figure svg")].flatMap(svg => {
+    const wide = svg.getBoundingClientRect().width;
+    return wide ? [...svg.querySelectorAll("text")].map(text =>
+        parseFloat(getComputedStyle(text).fontSize) * wide / svg.viewBox.baseVal.width) : []; })"""
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+@pytest.mark.parametrize(("width", "height", "scheme"), [(1280, 900, "light"), (390, 844, "dark")])
 def test_it_fits_and_asks_for_nothing(
-    open_page: Callable[..., Any], html: str, width: int, scheme: str
+    open_page: Callable[..., Any], html: str, width: int, height: int, scheme: str
 ) -> None:
-    page = open_page(html, width=width, color_scheme=scheme)  # fails on errors and requests
+    page = open_page(html, width, height, color_scheme=scheme)  # fails on errors and requests
+    box = page.locator(".verdict .change").bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= width
+    assert box["y"] + box["height"] <= height, "the verdict stands on the first screen"
+    assert page.evaluate(BROKEN) == [], "words are whole"
+    assert min(page.evaluate(LETTERS)) > 8.0, "px"
     for details in page.query_selector_all("details"):
         details.evaluate("element => element.open = true")
     over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     assert page.evaluate(over) <= 0
-    cut = page.evaluate(
-        """() => [...document.querySelectorAll("h1, h2, h3, p, li, figcaption, summary, .box")]
-            .filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"""
-    )
-    assert cut == []
+    assert page.evaluate(CUT) == []
 
 
-# Of a table four rows, of a figure the first texts and marks: further ones are as these are.
+# Of a table four rows, of a figure the first texts: further ones are as these are.
 THINNED = """() => {
     document.querySelectorAll("details").forEach(own => own.open = true);
     document.querySelectorAll("tbody").forEach(own => [...own.rows].slice(4).forEach(r => r.remove()));
     document.querySelectorAll("figure svg").forEach(svg => {
         const kept = new Set();
-        for (const [kind, most] of [["text", 9]])
-            for (let own of [...svg.querySelectorAll(kind)].slice(0, most)) {
-                own.querySelectorAll("*").forEach(e => kept.add(e));
-                for (; own !== svg; own = own.parentElement) kept.add(own);
-            }
+        for (let own of [...svg.querySelectorAll("text")].slice(0, 9)) {
+            own.querySelectorAll("*").forEach(e => kept.add(e));
+            for (; own !== svg; own = own.parentElement) kept.add(own);
+        }
         svg.querySelectorAll("*").forEach(e => kept.has(e) || e.remove());
     }); }"""
 
-RULES = {
-    "light": {},
-    "dark": {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}},
-}
-"""All; in dark colours those that ask for colours, since nothing else differs."""
+COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}}
+"""Of the rules those that ask for colours: nothing else differs in dark ones."""
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_serious_fault(open_page: Callable[..., Any], html: str, scheme: str) -> None:
+@pytest.mark.parametrize(("scheme", "rules"), [("light", {}), ("dark", COLOURS)])
+def test_axe_finds_no_serious_fault(
+    open_page: Callable[..., Any], html: str, scheme: str, rules: dict[str, Any]
+) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page = open_page(re.sub(r"<meta http-equiv[^>]*>", "", html), color_scheme=scheme)
     page.evaluate(THINNED)
-    found = axe.run(page, options={"resultTypes": ["violations"], **RULES[scheme]}).response
+    found = axe.run(page, options={"resultTypes": ["violations"], **rules}).response
     assert found["passes"], "it looked"
     serious = [
         (v["id"], [node["html"][:200] for node in v["nodes"]][:3])
@@ -300,36 +313,3 @@ def test_axe_finds_no_serious_fault(open_page: Callable[..., Any], html: str, sc
 def test_it_prints_on_few_pages(open_page: Callable[..., Any], html: str) -> None:
     pdf = open_page(html).pdf(format="A4")
     assert 1 <= len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= PAGES
-
-
-def test_text_in_figures_stays_legible_and_words_whole_on_a_phone(
-    open_page: Callable[..., Any], html: str
-) -> None:
-    page = open_page(html, width=390)
-    heights = page.evaluate(
-        """() => [...document.querySelectorAll("figure svg")].flatMap(svg => {
-            const wide = svg.getBoundingClientRect().width;
-            return wide ? [...svg.querySelectorAll("text")].map(text =>
-                parseFloat(getComputedStyle(text).fontSize) * wide / svg.viewBox.baseVal.width) : [];
-        })"""
-    )
-    assert min(heights) > 8.0
-    broken = page.evaluate(
-        """() => [...document.querySelectorAll("th, td, dd")].flatMap(cell => {
-            const node = [...cell.childNodes].find(own => own.nodeType === 3), range = new Range();
-            if (!node || !cell.offsetParent || cell.closest(".bars")) return [];
-            return [...node.data.matchAll(/[A-Za-z_]{3,24}/g)].filter(({ index, 0: word }) => {
-                range.setStart(node, index); range.setEnd(node, index + word.length);
-                return new Set([...range.getClientRects()].map(box => box.top)).size > 1;
-            }).map(found => found[0]); })"""
-    )
-    assert broken == []
-
-
-def test_the_verdict_stands_on_the_first_screen(open_page: Callable[..., Any], html: str) -> None:
-    for width, height in ((1280, 900), (390, 844)):
-        page = open_page(html, width=width, height=height)
-        box = page.locator(".verdict .change").bounding_box()
-        assert box["x"] >= 0
-        assert box["x"] + box["width"] <= width
-        assert box["y"] + box["height"] <= height

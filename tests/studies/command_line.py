@@ -114,6 +114,11 @@ def paper_cell(folder: Path, *effects: str) -> Path:
     return path
 
 
+def without_load(cell: Path) -> None:
+    """Take the load out of a cell's file: its plans are of free readings then."""
+    cell.write_text(re.sub(r"^\[load\]\n(?:\w.*\n)*", "", cell.read_text(), flags=re.M))
+
+
 _NEVER = {"img", "iframe", "object", "embed", "link", "base", "form", "applet", "audio", "video"}
 _OWN = ("data:image/png;base64,", "#")  # a picture is a cloud of points within a figure
 

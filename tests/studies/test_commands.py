@@ -15,16 +15,14 @@ import pytest
 
 import calib
 from calib.errors import InputError
-from calib.files.write_tables import measurements_csv
 from doe.criteria import CRITERIA, UNASKED
 from studies.command.program import MOST_AXES, program_text
 from studies.demo.embedded import embedded_text
 from tests import plain_day
 from tests.calib.test_motion import arm
 from tests.camera_cells import PINHOLE, camera_cell
-from tests.day import PLAN_MODEL, of_poses, whole_day
 from tests.helpers import cell_of, random_robot
-from tests.studies.command_line import paper_cell, ran, refused, result, run
+from tests.studies.command_line import paper_cell, ran, refused, result, run, without_load
 from tests.studies.test_texts import run_block
 
 OPTIONS = ("--candidates", 2000, "--levels", "A2=-140,-99.85,-56.9,-25.24,-0.01x3")
@@ -128,32 +126,23 @@ def test_help_names_every_criterion() -> None:
     assert set(CRITERIA) - {UNASKED} <= set(words)
 
 
-@pytest.fixture(scope="module")
-def half_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("half")
-    cell = calib.load_cell(paper_cell(path, *PLAN_MODEL))
-    plan = calib.load_plan(cell, path / "plan.csv")
-    data = of_poses(whole_day(cell, plan), [2, 5, 8, 11, 14, 1], 15)
-    (path / "half.csv").write_text(measurements_csv(cell, data))
-    return path
+def test_it_names_the_poses_that_the_goal_needs_or_how_many_more(small: Path) -> None:
+    without_load(small / "cell.toml")
+    rows = (small / "data.csv").read_text().splitlines()
+    (small / "half.csv").write_text("\n".join([*rows[:8], ""]))
 
-
-@pytest.mark.long
-def test_it_names_the_poses_that_the_goal_needs_or_how_many_more(half_day: Path) -> None:
     def asked(*goal: object) -> tuple[dict[str, Any], str]:
-        call = ("enough", half_day / "cell.toml", half_day / "half.csv")
-        plan = ("--plan", half_day / "plan.csv")
-        return result(half_day / "out.json", *call, *plan, *goal, kind="enough")
+        call = ("enough", small / "cell.toml", small / "half.csv", "--plan", small / "plan.csv")
+        return result(small / "out.json", *call, *goal, kind="enough")
 
     now, _ = asked()
-    assert now["plan"] == {"poses": 15, "measured": 6, "to_measure": 9}
-    goal = now["order"][2]["task_most_mm"] * 1.0001
-    fields, said = asked("--goal-mm", goal)
-    names = ", ".join(step["pose"] for step in fields["order"][:3])
-    assert fields["poses_to_goal"] == 3
-    assert f"after 3 more: {names}" in said
+    assert now["plan"] == {"poses": 8, "measured": 4, "to_measure": 4}
+    fields, said = asked("--goal-mm", now["order"][1]["task_most_mm"] * 1.0001)
+    names = ", ".join(step["pose"] for step in fields["order"][:2])
+    assert fields["poses_to_goal"] == 2
+    assert f"after 2 more: {names}" in said
     named = {Path(entry["file"]).name for entry in fields["inputs"]}
-    assert named == {"cell.toml", "kr270.urdf", "half.csv", "plan.csv"}
+    assert named == {"cell.toml", "arm.urdf", "half.csv", "targets.csv", "plan.csv"}
     assert all(p["std"] > 0.0 for p in fields["end"]["parameters"])
     _, said = asked("--goal-mm", 5)
     assert "You may stop." in said

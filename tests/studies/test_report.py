@@ -19,7 +19,7 @@ from studies.render import short
 from studies.results.identify import IdentifyResult
 from studies.results.read import read, read_as
 from tests.fuzz.small_cell import small_results
-from tests.studies.command_line import check_harmless, ran, result, run
+from tests.studies.command_line import check_harmless, ran, result, run, without_load
 from tests.studies.test_results import written
 
 MOST_BYTES = 400_000
@@ -169,7 +169,7 @@ def test_a_model_that_is_worse_elsewhere_is_not_praised(small: Path) -> None:
 def test_results_from_python(small: Path) -> None:
     """The same object as the command's: text, table, JSON, and a page in a line."""
     path = small / "cell.toml"
-    path.write_text(re.sub(r"\[load\][^[]*\[100, 0, 0\]\n", "", path.read_text()))
+    without_load(path)
     cell = calib.load_cell(path)
     data = calib.load_measurements(cell, small / "data.csv")
     found = calib.identify(cell, data, heldout=0.3)

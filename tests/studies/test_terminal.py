@@ -89,6 +89,7 @@ ENCODED: dict[str, Callable[[str], bytes]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("how", ENCODED)
 def test_encodings(small: Path, how: str) -> None:
     call = ("identify", str(small / "cell.toml"), str(small / "data.csv"))

@@ -104,21 +104,27 @@ def test_holdout_by_fraction_and_by_file(small: Path) -> None:
 )
 @pytest.mark.parametrize("timed", [True, False], ids=["timed", "in order"])
 def test_poses_read_again_tell_of_drift(
-    step: float, again: bool, drifts: bool | None, timed: bool, small: Path
+    step: float,
+    again: bool,
+    drifts: bool | None,
+    timed: bool,
+    small: Path,
+    rng: np.random.Generator,
 ) -> None:
-    """Those that are held out as those that are fitted; the readings move step, mm, a pose."""
+    """Those that are held out, too: p0 is read between all others; readings move step, mm, a pose."""
     cell, table = small / "cell.toml", small / "data.csv"
-    header, *rows = table.read_text().splitlines()
-    x, lines = header.split(",").index("x_mm"), [header + ",time_s" * timed]
-    for visit in range(3 if again else 1):
-        for row in rows[: -2 if drifts is None else None]:
-            values = row.split(",")
-            k = 8 * visit + int(values[0][1:])
-            values[x] = str(float(values[x]) + step * k)
-            values[0] = f"p{k}"
-            lines.append(",".join([*values, *[str(300 * k)] * timed]))
-    table.write_text("\n".join([*lines, ""]))
-    fields, said = result(small / "out.json", "identify", cell, table, "--holdout", "0.3")
+    header, *rows = (line.split(",") for line in table.read_text().splitlines())
+    poses = [pose for k in range(1, 7) for pose in (["p0"] * (again or k == 1) + [f"p{k}"])]
+    x, lines = header.index("x_mm"), [[*header, *["time_s"] * timed]]
+    for k, pose in enumerate(poses):
+        for row in (own for own in rows if own[0] == pose):
+            point = np.array(row[x:], dtype=float) + rng.normal(scale=0.01, size=3)
+            point[0] += step * k
+            lines.append([f"{pose}_{k}", *row[1:x], *map(str, point), *[str(300 * k)] * timed])
+    table.write_text("\n".join(map(",".join, lines)))
+    call = ("identify", cell, table, "--holdout", "0.3", "--seed", 1)
+    fields, said = result(small / "out.json", *call)
+    assert "p0_0" in {row["pose"] for row in fields["residuals"] if row["heldout"]}
     assert (fields["drift_p"] is None) == (drifts is None)
     assert drifts is None or (fields["drift_p"] < 0.01) == drifts
     assert ("poses read again moved steadily" in said) == bool(drifts)

@@ -29,6 +29,21 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
+def ran(*arguments: object) -> str:
+    """What a call that succeeds prints, in one line."""
+    done = run(*arguments)
+    assert done.exit_code == 0, done.output
+    return " ".join(done.output.split())
+
+
+def refused(*arguments: object) -> str:
+    """The one line with which a call ends that the user must mend."""
+    done = run(*arguments)
+    assert done.exit_code == 2, done.output
+    (line,) = done.stderr.splitlines()
+    return line
+
+
 class Heard(NamedTuple):
     """How a call ended: its status, and what it wrote to both streams."""
 
@@ -64,7 +79,7 @@ def result(out: Path, *arguments: object, kind: str = "") -> tuple[dict[str, Any
     done = run(*arguments, "--json", out)
     assert done.exit_code == 0, done.output
     apart = re.compile(rf"wrote|ros2 run|{re.escape(str(out.parent))}")
-    lines = [line for line in done.output.splitlines() if not apart.search(line)]
+    lines = [line for line in done.stdout.splitlines() if not apart.search(line)]
     assert max(map(len, lines)) <= 120, max(lines, key=len)
     fields = json.loads(out.read_text(), parse_constant=pytest.fail)
     if kind:
@@ -97,6 +112,11 @@ def paper_cell(folder: Path, *effects: str) -> Path:
             re.sub(r"^effects = .*$", f"effects = [{listed}]", path.read_text(), flags=re.M)
         )
     return path
+
+
+def without_load(cell: Path) -> None:
+    """Take the load out of a cell's file: its plans are of free readings then."""
+    cell.write_text(re.sub(r"^\[load\]\n(?:\w.*\n)*", "", cell.read_text(), flags=re.M))
 
 
 _NEVER = {"img", "iframe", "object", "embed", "link", "base", "form", "applet", "audio", "video"}

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.fuzz.small_cell import put_small_cell
 from tests.helpers import measured_cell
-from tests.studies.command_line import run
+from tests.studies.command_line import ran, run
 
 TARGETS = """A1_rad,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,weight
 0.2,-60,70,20,45,10,1
@@ -40,12 +41,18 @@ def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The paper's cell, what a robot that the model knows measures, and what ``identify`` writes."""
+    """The paper's cell, measurements of a robot that the model knows, and what ``identify`` says."""
     folder = measured_cell(tmp_path_factory.mktemp("demo"))
-    done = run(
-        "identify", folder / "cell.toml", folder / "measurements.csv",
-        "--json", folder / "result.json", "--urdf", folder / "kr270_calibrated.urdf",
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
+    call = ("identify", folder / "cell.toml", folder / "measurements.csv")
+    (folder / "said").write_text(
+        ran(*call, "--json", folder / "result.json", "--urdf", folder / "better.urdf")
+    )
     (folder / "targets.csv").write_text(TARGETS)
     return folder
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """A cell of two joints, a plan, and 15 points at eight poses, the last as the first."""
+    put_small_cell(tmp_path)
+    return tmp_path

@@ -2,54 +2,45 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import Result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
 import calib
-import doe
 from calib import Cell, Poses
 from calib.arm.se3 import fit_rigid, rotate, transform
 from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.cell.planned import Planned
+from calib.files.write_tables import plan_csv
 from calib.noise import Noise
 from calib.observations import with_measured_shape
 from calib.poses import Measurements, poses_at
 from studies.compare import simulate
-from studies.compare.experiment import (
-    POINTS,
-    WAYS,
-    Prediction,
-    SimulatedExperiment,
-    experiment_of,
-    predict,
-)
+from studies.compare.experiment import POINTS, WAYS, experiment_of, predict
 from studies.compare.simulate import MOST_TRIALS, Refits, agreement, engine, refits
-from studies.demo.embedded import embedded_text
 from studies.results.compare import (
+    Agreement,
     ComparedApproach,
     ComparedPlan,
-    CompareResult,
     OverallAgreement,
     compared,
 )
+from tests.camera_cells import camera_text, kr270_cell
 from tests.helpers import (
-    MADE_FROM,
     cell_of,
     first_markers,
     random_poses,
@@ -58,18 +49,13 @@ from tests.helpers import (
     simulated,
     with_effects,
 )
-from tests.studies.command_line import paper_cell, run
+from tests.studies.command_line import paper_cell, refused, result, run
 
 
 def compare(cell: Cell, plan: Poses, trials: int = 0, seed: int = 0) -> ComparedPlan:
     """One plan, compared."""
     (found,) = compared(cell, {"p": plan}, trials, seed=seed)
     return found
-
-
-def together(cell: Cell, plan: ComparedPlan, trials: int) -> OverallAgreement:
-    """What all trials of a plan say."""
-    return CompareResult.of(cell, [plan], trials, MADE_FROM).agreement
 
 
 def known_std(own: ComparedApproach) -> Array:
@@ -105,20 +91,13 @@ def test_full_covariance_makes_the_approaches_equal(seed: int, dof: int, markers
         assert (found[key].std[known] > found["points"].std[known] * (1.0 - 1e-9)).all()
 
 
-@pytest.mark.long
 def test_prediction_is_the_inverse_of_the_information(kr270: Cell, table_two: Poses) -> None:
-    """Against the observation matrices of the public interface, and against the design's figures."""
-    experiment = experiment_of(kr270, table_two)
+    """Against the observation matrices of the public interface."""
     B = calib.observation(kr270, table_two).reshape(-1, 42) / kr270.noise.across
     scale = np.linalg.norm(B, axis=0)
     std = np.sqrt(np.diag(np.linalg.inv((B / scale).T @ (B / scale)))) / scale
-    np.testing.assert_allclose(predict(experiment, POINTS).std, std, rtol=1e-6)
-    plan = doe.design(kr270, criterion="D", candidates=600)
-    points = compare(kr270, plan.poses).points
-    scales = [p.scale for p in plan.problem.model.parameters]
-    np.testing.assert_allclose(known_std(points) * scales, plan.assessment.std, rtol=1e-6)
-    assert points.task_rms_mm == pytest.approx(1e3 * plan.assessment.task_rms, rel=1e-6)
-    assert points.task_worst_mm == pytest.approx(1e3 * plan.assessment.task_worst, rel=1e-6)
+    found = predict(experiment_of(kr270, table_two), POINTS)
+    np.testing.assert_allclose(found.std, std, rtol=1e-6)
 
 
 def test_one_marker_leaves_approach_two(kr270: Cell, table_two: Poses) -> None:
@@ -149,39 +128,38 @@ def drawn(cov: Array, trials: int, seed: int = 0) -> Array:
     return np.random.default_rng(seed).multivariate_normal(np.zeros(len(cov)), cov, trials)
 
 
+def p_of(errors: Array, cov: Array) -> float:
+    """How probable errors (trials, p) are under a predicted covariance."""
+    return agreement(errors, cov).p
+
+
 COV = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 9.0]]) * 1e-12
 
 
 def test_p_values_are_uniform_or_rarer_where_the_prediction_is_right() -> None:
-    found = [agreement(drawn(COV, 200, seed), COV) for seed in range(400)]
-    p = np.array([own.p for own in found if own is not None])
+    p = np.array([p_of(drawn(COV, 200, seed), COV) for seed in range(400)])
     for level in (0.01, 0.05, 0.2):
         assert np.mean(p < level) < level + 3.0 * np.sqrt(level / 400)
     assert np.mean(p < 0.2) > 0.03, "and not for want of power"
 
 
-@pytest.mark.parametrize(
-    "errors",
-    [
-        drawn(COV * 1.3, 500),
-        drawn(COV / 1.3, 500),
-        drawn(COV, 500) + np.array([0.3e-6, 0.0, 0.0]),
-        drawn(np.diag(np.diag(COV)), 500),
-    ],
-    ids=["too wide", "too narrow", "biased", "uncorrelated"],
-)
-def test_a_wrong_prediction_is_refuted(errors: Array) -> None:
-    found = agreement(errors, COV)
-    assert found is not None
-    assert found.p < 1e-3
+WRONG = {
+    "too wide": drawn(COV * 1.3, 500),
+    "too narrow": drawn(COV / 1.3, 500),
+    "biased": drawn(COV, 500) + np.array([0.3e-6, 0.0, 0.0]),
+    "uncorrelated": drawn(np.diag(np.diag(COV)), 500),
+}
+
+
+@pytest.mark.parametrize("how", WRONG)
+def test_a_wrong_prediction_is_refuted(how: str) -> None:
+    assert p_of(WRONG[how], COV) < 1e-3
 
 
 def test_agreement_of_directions_that_are_fixed_and_of_nothing() -> None:
     joined = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-12
     errors = np.repeat(np.random.default_rng(0).normal(0.0, 1e-6, (300, 1)), 2, axis=1)
-    found = agreement(errors, joined)
-    assert found is not None
-    assert found.p > 0.01
+    assert p_of(errors, joined) > 0.01
     assert agreement(errors[:1], joined) is None
     assert agreement(errors, np.zeros((2, 2))) is None
 
@@ -208,8 +186,6 @@ def test_no_way_is_better_than_the_points_where_base_and_tool_overlap() -> None:
     found = compare(cell, plan, 300)
     for own in found.approaches:
         assert (known_std(own) > known_std(found.points) * (1.0 - 1e-6)).all()
-        assert own.agreement is not None
-        assert own.agreement.chi2_p is not None
         assert own.agreement.chi2_p > 1e-3, own.key
     (full,) = (own for own in found.approaches if own.key == "pose full")
     np.testing.assert_allclose(known_std(full), known_std(found.points), rtol=1e-6)
@@ -262,95 +238,83 @@ def test_shape_of_markers_seen_in_turn_is_the_best_fit(kr270: Cell, table_two: P
     assert ours == pytest.approx(2.0 * best.cost, rel=1e-6)
 
 
-@pytest.mark.long
-def test_too_few_trials_and_fits_that_fail_are_no_belief(kr270: Cell, table_two: Poses) -> None:
-    cell = with_effects(kr270, "stiffness_vs_angle:A2", "joint_compliance:A3,A4")
-    few = together(cell, compare(cell, table_two, 5), 5)
-    assert few.believed is None
-    assert "too few to tell" in few.says
-    found = compare(cell, table_two, 40)
-    failed = [own.model_copy(update={"not_converged": 3}) for own in found.approaches]
-    worse = together(cell, found.model_copy(update={"approaches": tuple(failed)}), 40)
-    assert worse.believed is False
-    assert "3 of 40 fits" in worse.says
+@pytest.mark.parametrize(
+    ("trials", "p", "failed", "believed", "says"),
+    [
+        (0, 0.5, 0, None, "nothing was simulated"),
+        (19, 0.5, 0, None, "19 simulated experiments are too few to tell: simulate 20 or more"),
+        (40, 0.5, 0, True, "simulation and prediction agree"),
+        (40, 1e-4, 0, False, "refuted for points at p: believe the simulated figures"),
+        (40, 0.5, 3, False, "3 of 40 fits of points at p did not converge: the plan hardly"),
+    ],
+)
+def test_too_few_trials_and_fits_that_fail_are_no_belief(
+    trials: int, p: float, failed: int, believed: bool | None, says: str
+) -> None:
+    plan = compare(*random_cell(1, 3, 1, "tool"), trials=20)
+    (own,) = plan.approaches
+    agreed = Agreement(worst_ratio=1.1, chi2_p=p)
+    changed = own.model_copy(update={"agreement": agreed, "not_converged": failed})
+    judged = OverallAgreement.of([plan.model_copy(update={"approaches": (changed,)})], trials)
+    assert judged.believed is believed
+    assert judged.says.startswith(says)
 
 
-ARM = Repeatability(3e-5, 1e-4)
 EFFECTS = ("base", "tool", "joint_offset", "joint_compliance:A2,A3")
 
 
 @pytest.fixture(scope="module")
-def cell_again(kr270: Cell) -> Cell:
-    return replace(with_effects(kr270, *EFFECTS), repeatability=ARM, design=Planned())
-
-
-@pytest.fixture(scope="module")
-def plan_again(table_two: Poses) -> Poses:
-    """Table II, and three of its poses once more."""
-    return poses_at(np.concatenate([table_two.q, table_two.q[[1, 5, 9]]]))
+def again(kr270: Cell, table_two: Poses) -> tuple[Cell, Poses]:
+    """An arm that scatters; Table II, and three of its poses once more."""
+    cell, arm = with_effects(kr270, *EFFECTS), Repeatability(3e-5, 1e-4)
+    plan = poses_at(np.concatenate([table_two.q, table_two.q[[1, 5, 9]]]))
+    return replace(cell, repeatability=arm, design=Planned()), plan
 
 
 @pytest.mark.long
-def test_refits_scatter_as_predicted(cell_again: Cell, plan_again: Poses) -> None:
+def test_refits_scatter_as_predicted(again: tuple[Cell, Poses]) -> None:
     """Both approaches in every weighting, free and loaded in one visit, poses visited again."""
-    (found,) = compared(cell_again, {"plan": plan_again}, 100, seed=2)
+    found = compare(*again, trials=100, seed=2)
     assert len(found.approaches) == 4
     for own in found.approaches:
-        assert own.agreement is not None
-        assert own.agreement.chi2_p is not None
         assert own.agreement.chi2_p > 1e-3
         assert own.monte_carlo_task_rms_mm == pytest.approx(own.task_rms_mm, rel=0.12)
-    (blind,) = compared(replace(cell_again, repeatability=None), {"plan": plan_again})
-    assert found.points.task_rms_mm is not None
-    assert blind.points.task_rms_mm is not None
+    cell, plan = again
+    blind = compare(replace(cell, repeatability=None), plan)
     assert found.points.task_rms_mm > 2.0 * blind.points.task_rms_mm
 
 
-def test_a_prediction_that_forgets_the_arm_is_refuted(cell_again: Cell, plan_again: Poses) -> None:
-    """Errors of the right size for an arm that scatters, judged by a cell_again whose arm does not."""
-    experiment = experiment_of(cell_again, plan_again)
-    forgetful = replace(experiment, arm=None)
-    prediction = predict(forgetful, experiment.ways[-1])
-    right = predict(experiment, experiment.ways[-1])
-    rng = np.random.default_rng(0)
-    errors = rng.multivariate_normal(np.zeros(len(right.covariance)), right.covariance, 200)
-    judged = agreement(errors, prediction.covariance)
-    assert judged is not None
-    assert judged.p < 1e-6
+def test_a_prediction_that_forgets_the_arm_is_refuted(again: tuple[Cell, Poses]) -> None:
+    """Errors of the right size for an arm that scatters, judged as of one that does not."""
+    experiment = experiment_of(*again)
+    way = experiment.ways[-1]
+    forgetful = predict(replace(experiment, arm=None), way)
+    assert p_of(drawn(predict(experiment, way).covariance, 200), forgetful.covariance) < 1e-6
 
 
-HEAD = """
-schema = 1
-[robot]
-urdf = "kr270.urdf"
-base = "base_link"
-tip = "tool0"
-{robot}
+TWO_READ = """repeatability_mm = 0.03
+repeatability_urad = 100
 [markers_mm]
 m1 = [279.2, -16.4, -91.9]
 m2 = [279.2, -25.2, 96.1]
 [bodies.target]
 position_mm = [280, 0, 0]
-[model]
-effects = ["base", "tool", "joint_offset:A2,A3"]
+[instruments.laser]
+kind = "points"
+sigma_mm = 1e-9
+[instruments.probe]
+kind = "pose"
+sigma_mm = 1e-9
+sigma_urad = 1e-6
+[load]
+mass_kg = 10
+com_mm = [0, 0, 0]
 """
-
-
-def written(folder: Path, instruments: str, robot: str = "") -> Path:
-    paper_cell(folder)
-    path = folder / "own.toml"
-    path.write_text(HEAD.format(robot=robot) + instruments)
-    return path
 
 
 def test_the_arm_comes_elsewhere_at_each_visit(tmp_path: Path, table_two: Poses) -> None:
     """One rigid motion about the tip a visit, free and loaded, of the stated size, whoever reads."""
-    laser = '[instruments.laser]\nkind = "points"\nsigma_mm = 1e-9\n'
-    probe = '[instruments.probe]\nkind = "pose"\nsigma_mm = 1e-9\nsigma_urad = 1e-6\n'
-    load = "[load]\nmass_kg = 10\ncom_mm = [0, 0, 0]\n"
-    path = written(
-        tmp_path, laser + probe + load, "repeatability_mm = 0.03\nrepeatability_urad = 100"
-    )
+    path = kr270_cell(tmp_path, TWO_READ, effects=("base", "tool", "joint_offset:A2,A3"))
     experiment = experiment_of(calib.load_cell(path), table_two)
     exact = experiment.model.predict(experiment.truth, experiment.poses)
     off = experiment.drawn(200, np.random.default_rng(3)) - exact
@@ -392,290 +356,192 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def done(folder: Path) -> Result:
-    return run(
-        "compare", folder / "cell.toml", folder / "plan.csv", folder / "shorter.csv",
-        "--monte-carlo", 60, "--workers", 1, "--json", folder / "out.json",
-        "--figures", folder / "figures",
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def fields(folder: Path, done: Result) -> dict[str, Any]:
-    assert done.exit_code == 0, done.output
-    return json.loads((folder / "out.json").read_text(), parse_constant=pytest.fail)
-
-
-def entry(plan: dict[str, Any], approach: str, weighting: str) -> dict[str, Any]:
-    found = [
-        e for e in plan["approaches"] if (e["approach"], e["weighting"]) == (approach, weighting)
-    ]
-    assert len(found) == 1
-    return found[0]
+def shown(folder: Path) -> tuple[dict[str, Any], str]:
+    """The JSON of two plans, compared, and what is printed; two figures."""
+    plans = (folder / "plan.csv", folder / "shorter.csv")
+    more = ("--monte-carlo", 60, "--workers", 1, "--figures", folder / "figures")
+    return result(folder / "out.json", "compare", folder / "cell.toml", *plans, *more)
 
 
 @pytest.mark.long
-def test_figures_are_consistent(fields: dict[str, Any]) -> None:
-    for plan in fields["plans"]:
-        plain, points = entry(plan, "pose", "plain"), entry(plan, "points", "full")
-        for a, b, gain in zip(
-            plain["parameters"], points["parameters"], plan["improvement"], strict=True
-        ):
+def test_figures_are_consistent(shown: tuple[dict[str, Any], str]) -> None:
+    plans, ratios, task = shown[0]["plans"], [], []
+    for plan in plans:
+        ways = {(own["approach"], own["weighting"]): own for own in plan["approaches"]}
+        plain, points = ways["pose", "plain"], ways["points", "full"]
+        pairs = zip(plain["parameters"], points["parameters"], plan["improvement"], strict=True)
+        for a, b, gain in pairs:
             assert gain["factor"] == pytest.approx(a["std"] / b["std"])
             assert b["monte_carlo_std"] == pytest.approx(b["std"], rel=0.3)
-        full = entry(plan, "pose", "full")
-        assert full["task_rms_mm"] == pytest.approx(points["task_rms_mm"], rel=1e-9)
-    whole, half = fields["plans"]
-    assert (
-        entry(half, "points", "full")["task_rms_mm"] > entry(whole, "points", "full")["task_rms_mm"]
-    )
-    ratios = [
-        p["monte_carlo_std"] / p["std"]
-        for plan in fields["plans"] for e in plan["approaches"] for p in e["parameters"]
-    ]  # fmt: skip
-    worst = fields["agreement"]["worst_ratio"]
+        full = pytest.approx(ways["pose", "full"]["task_rms_mm"], rel=1e-9)
+        assert points["task_rms_mm"] == full
+        task.append(points["task_rms_mm"])
+        for own in plan["approaches"]:
+            ratios += [p["monte_carlo_std"] / p["std"] for p in own["parameters"]]
+    whole, half = task
+    assert half > whole
+    worst = shown[0]["agreement"]["worst_ratio"]
     assert any(worst == pytest.approx(r) for r in ratios)
 
 
 @pytest.mark.long
-def test_the_answer_comes_first(done: Result) -> None:
-    lines = done.output.splitlines()
-    said = " ".join(done.output.split())
+def test_the_answer_comes_first(folder: Path, shown: tuple[dict[str, Any], str]) -> None:
+    _, said = shown
     assert said.startswith("kr270 milling cell: Best of 2 plans: plan.csv, with an expected error")
     assert re.search(r"error of [\d.]+ mm RMS from marker points \(#2\)\.", said)
-    assert "shorter.csv has to be measured" in said
-    assert "60 simulated experiments a plan" in said
-    assert "Weighted by its full covariance, #1 equals #2" in said
-    assert max(map(len, lines)) <= 120
-
-
-@pytest.mark.long
-def test_figures_are_written(folder: Path, done: Result) -> None:
-    assert "2 figures to" in done.output
+    for words in (
+        "shorter.csv has to be measured",
+        "60 simulated experiments a plan",
+        "Weighted by its full covariance, #1 equals #2",
+        "2 figures to",
+    ):
+        assert words in said
     made = {path.name for path in (folder / "figures").iterdir()}
     assert made == {"deviations_by_approach.svg", "ellipses.svg"}
 
 
-@pytest.mark.long
-def test_figures_of_a_plan_that_leaves_parameters_open(folder: Path, tmp_path: Path) -> None:
+def test_figures_of_a_plan_that_leaves_parameters_open(small: Path) -> None:
     """What cannot be drawn is left out; the result is not lost with it."""
-    rows = (folder / "plan.csv").read_text().splitlines()
-    (folder / "few.csv").write_text("\n".join([*rows[:3], ""]))
-    done = run(
-        "compare", folder / "cell.toml", folder / "few.csv", "--monte-carlo", 20, "--workers", 1,
-        "--figures", tmp_path / "figures", "--json", tmp_path / "out.json",
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
-    assert "few.csv does not determine" in done.output
-    stems = {path.stem for path in (tmp_path / "figures").iterdir()}
-    assert "deviations_by_approach" in stems
-    json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
+    plan = small / "plan.csv"
+    plan.write_text("\n".join([*plan.read_text().splitlines()[:3], ""]))
+    call = ("compare", small / "cell.toml", plan, "--monte-carlo", 20, "--workers", 1)
+    _, said = result(small / "out.json", *call, "--figures", small / "figures")
+    assert "plan.csv does not determine" in said
+    assert "deviations_by_approach" in {path.stem for path in (small / "figures").iterdir()}
 
 
-def test_nothing_simulated(folder: Path) -> None:
-    done = run(
-        "compare", folder / "cell.toml", folder / "plan.csv", "--monte-carlo", 0, "--json", "-"
-    )
-    assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout, parse_constant=pytest.fail)
+def of_small(folder: Path) -> tuple[object, ...]:
+    return "compare", folder / "cell.toml", folder / "plan.csv"
+
+
+def test_nothing_simulated(small: Path) -> None:
+    found, said = result(small / "out.json", *of_small(small), "--monte-carlo", 0)
     assert found["trials"] == 0
     assert found["agreement"]["worst_ratio"] is None
     assert found["agreement"]["chi2_p"] is None
     assert found["plans"][0]["approaches"][0]["parameters"][0]["monte_carlo_std"] is None
-    assert "Nothing was simulated" in done.stderr
+    assert "Nothing was simulated" in said
 
 
-CAMERA = """schema = 1
-name = "cam"
-[robot]
-urdf = "kr270.urdf"
-base = "base_link"
-tip = "tool0"
-[boards.b]
-on = "tip"
-squares = [8, 11]
-pitch_mm = 20
-[instruments.cam]
-kind = "camera"
-on = "world"
-position_mm = [4500, 0, 1000]
-rpy_deg = {look}
-focal_px = 1000
-center_px = [639.5, 479.5]
-image_px = [1280, 960]
-sigma_px = 0.1
-[model]
-effects = ["base", "tool", "geometry"]
-"""
-
-AHEAD, AWAY = "[-90, 0, 90]", "[-90, 0, -90]"
+BOARD = '[boards.b]\non = "tip"\nsquares = [8, 11]\npitch_mm = 20\n'
+CAMERA = "position_mm = [4500, 0, 1000]\nrpy_deg = [-90, 0, {}]"
 
 
 @pytest.fixture
 def photographed(tmp_path: Path) -> Path:
-    """A folder with a camera that stands before the arm, and poses that show it the board."""
-    paper_cell(tmp_path)
-    (tmp_path / "ahead.toml").write_text(CAMERA.format(look=AHEAD))
-    (tmp_path / "away.toml").write_text(CAMERA.format(look=AWAY))
-    turns = np.array([0, -60, 90, 0, 30, 0]) + np.random.default_rng(0).uniform(
-        -1.0, 1.0, (15, 6)
-    ) * (20, 20, 20, 34, 34, 34)
-    rows = [",".join([f"p{i}", *(f"{x:.4f}" for x in row)]) for i, row in enumerate(turns)]
-    head = "pose,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg"
-    (tmp_path / "near.csv").write_text("\n".join([head, *rows, ""]))
+    """Poses that show the board to a camera before the arm, and a cell with one that looks away."""
+    for name, turn in (("away", -90), ("ahead", 90)):
+        camera = camera_text("cam", "world", CAMERA.format(turn))
+        path = kr270_cell(tmp_path, BOARD, camera, effects=("base", "tool", "geometry"))
+        path.rename(tmp_path / f"{name}.toml")
+    cell, rng = calib.load_cell(tmp_path / "ahead.toml"), np.random.default_rng(0)
+    turns = np.array([0, -60, 90, 0, 30, 0])
+    turns = turns + rng.uniform(-1.0, 1.0, (15, 6)) * (20, 20, 20, 34, 34, 34)
+    poses = poses_at(np.radians(turns), names=tuple(f"p{i}" for i in range(15)))
+    (tmp_path / "near.csv").write_text(plan_csv(cell, poses))
     return tmp_path
-
-
-def asked(folder: Path, cell: str, *more: str) -> Result:
-    return run("compare", folder / cell, folder / "near.csv", *more)
 
 
 @pytest.mark.long
 def test_a_camera_alone_is_predicted_simulated_and_drawn(photographed: Path) -> None:
-    figures, out = photographed / "figures", photographed / "r.json"
-    more = ("--monte-carlo", "40", "--workers", "1", "--figures", str(figures), "--json", str(out))
-    done = asked(photographed, "ahead.toml", *more)
-    assert done.exit_code == 0, done.output
-    found = json.loads(out.read_text())
+    figures, cell = photographed / "figures", photographed / "ahead.toml"
+    call = ("compare", cell, photographed / "near.csv", "--monte-carlo", 40, "--workers", 1)
+    found, _ = result(photographed / "r.json", *call, "--figures", figures)
     (plan,) = found["plans"]
     assert [own["approach"] for own in plan["approaches"]] == ["points"]
     assert found["agreement"]["believed"] is True
     assert {path.stem for path in figures.glob("*.svg")} >= {"deviations_by_approach", "ellipses"}
 
 
-@pytest.mark.parametrize("trials", ["0", "20"])
-def test_a_camera_that_sees_nothing_is_refused_in_a_line(photographed: Path, trials: str) -> None:
-    done = asked(photographed, "away.toml", "--monte-carlo", trials)
-    assert done.exit_code == 2, done.output
-    (line,) = done.stderr.splitlines()
-    assert "away.toml" in line
-    assert "cam sees no point at any pose of near.csv" in line
-    assert "posecal design" in line
+@pytest.mark.parametrize("trials", [0, 20])
+def test_a_camera_that_sees_nothing_is_refused_in_a_line(photographed: Path, trials: int) -> None:
+    call = ("compare", photographed / "away.toml", photographed / "near.csv")
+    line = refused(*call, "--monte-carlo", trials)
+    for words in ("away.toml", "cam sees no point at any pose of near.csv", "posecal design"):
+        assert words in line
 
 
 # -- Who computes the trials changes no digit; faults end in one line
 
 
-Study = tuple[SimulatedExperiment, list[Prediction]]
-COUNTS = (MOST_TRIALS, MOST_TRIALS + 17)  # one block; a whole one and a part
 NOWHERE = "tcp://127.0.0.1:1"
 
 
-@pytest.fixture(scope="module")
-def study() -> Study:
-    rng = np.random.default_rng(3)
-    robot = random_robot(rng, 3)
-    cell = cell_of(robot, rng.uniform(-0.2, 0.2, (3, 3)), ["tool", "joint_compliance"])
-    experiment = experiment_of(cell, random_poses(rng, robot, 5))
-    return experiment, [predict(experiment, way) for way in experiment.ways]
+@contextmanager
+def pool(who: str) -> Iterator[Executor | None]:
+    """Threads, processes, or a dask cluster of two processes."""
+    if who == "threads":
+        with ThreadPoolExecutor(4) as threads:
+            yield threads
+    elif who == "processes":
+        with engine(workers=2) as processes:
+            yield processes
+    else:
+        distributed = pytest.importorskip("distributed")
+        local = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+        with (
+            distributed.LocalCluster(n_workers=2, threads_per_worker=1, **local) as cluster,
+            engine(scheduler=cluster.scheduler_address) as workers,
+        ):
+            yield workers
 
 
-@pytest.fixture(scope="module")
-def scheduler() -> Iterator[str]:
-    """Address of a dask cluster of two processes."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
-    ) as cluster:
-        yield cluster.scheduler_address
-
-
-@pytest.fixture(scope="module", params=["threads", "processes", "dask"])
-def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
-    with ExitStack() as stack:
-        if request.param == "threads":
-            yield stack.enter_context(ThreadPoolExecutor(4))
-        elif request.param == "processes":
-            yield stack.enter_context(engine(workers=2))
-        else:
-            address = request.getfixturevalue("scheduler")
-            yield stack.enter_context(engine(scheduler=address))
-
-
-def fresh(study: Study) -> Study:
-    """The study without what its model remembers."""
-    experiment, predictions = study
-    return replace(experiment, model=replace(experiment.model)), predictions
-
-
-def same(a: dict[str, Refits], b: dict[str, Refits]) -> bool:
-    return a.keys() == b.keys() and all(
-        np.array_equal(a[way].errors, b[way].errors)
-        and np.array_equal(a[way].settled, b[way].settled)
-        for way in a
-    )
-
-
-@pytest.fixture(scope="module", params=COUNTS)
-def here(request: pytest.FixtureRequest, study: Study) -> dict[str, Refits]:
-    """So many trials in this process."""
-    return refits(*fresh(study), request.param, seed=(5, 1))
+@cache
+def computed(trials: int, executor: Executor | None = None) -> dict[str, Refits]:
+    """Refits of a small experiment without what its model remembers, here or by others."""
+    cell, plan = random_cell(1, 3, 3, "tool", "joint_compliance")
+    experiment = experiment_of(cell, plan.take(np.arange(5)))
+    predictions = [predict(experiment, way) for way in experiment.ways]
+    fresh = replace(experiment, model=replace(experiment.model))
+    return refits(fresh, predictions, trials, seed=(5, 1), executor=executor)
 
 
 @pytest.mark.long
-def test_no_digit_depends_on_who_computes(
-    study: Study, executor: Executor | None, here: dict[str, Refits]
-) -> None:
-    trials = len(here["points"].cost)
-    assert trials in COUNTS
-    there = refits(*fresh(study), trials, seed=(5, 1), executor=executor)
-    assert {len(own.cost) for own in (*here.values(), *there.values())} == {trials}
-    assert len(here) == 4
-    assert np.stack([own.errors for own in here.values()]).any()
-    assert same(here, there)
-
-
-@pytest.fixture
-def small(tmp_path: Path) -> list[str]:
-    """Arguments of a comparison whose blocks are fast."""
-    paper_cell(tmp_path, "tool", "joint_compliance:A3,A4")
-    plan = embedded_text("plan.csv").splitlines()
-    (tmp_path / "plan.csv").write_text("\n".join(plan[:5]) + "\n")
-    (tmp_path / "other.csv").write_text("\n".join([plan[0], *plan[5:9]]) + "\n")
-    return [str(tmp_path / "cell.toml"), str(tmp_path / "plan.csv")]
-
-
-def called(*options: str) -> Result:
-    return run("compare", *options)
-
-
-def one_line(done: Result, *words: str) -> None:
-    assert done.exit_code == 2, done.output
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert done.stderr.startswith("posecal: --")
-    assert all(word in done.stderr for word in words), done.stderr
-
-
-@pytest.mark.long
-def test_nothing_listens(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr(simulate, "_PATIENCE_S", 1)
-    one_line(called(*small, "--scheduler", NOWHERE), NOWHERE)
-
-
-@pytest.mark.long
-def test_dask_is_not_installed(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    one_line(called(*small, "--scheduler", NOWHERE), "dask is not installed", "pip install")
+@pytest.mark.parametrize("who", ["threads", "processes", "dask"])
+def test_no_digit_depends_on_who_computes(who: str) -> None:
+    with pool(who) as executor:
+        for trials in (MOST_TRIALS, MOST_TRIALS + 17):  # one block; a whole one and a part
+            here, there = computed(trials), computed(trials, executor)
+            assert len(here) == 4
+            assert here.keys() == there.keys()
+            for way, own in here.items():
+                assert len(own.cost) == trials
+                assert own.errors.any()
+                np.testing.assert_array_equal(there[way].errors, own.errors)
+                np.testing.assert_array_equal(there[way].settled, own.settled)
 
 
 def die(*_: object) -> None:
     os._exit(1)
 
 
-@pytest.mark.long
-def test_a_worker_that_dies(small: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulate, "refit", die)
-    done = called(*small, "--monte-carlo", "200", "--workers", "2")
-    one_line(done, "--workers: 2", "a worker died")
+FAR, HERE = ("--scheduler", NOWHERE), ("--monte-carlo", "200", "--workers", "2")
+FAULTS = {  # what is patched, options, words
+    "nothing listens": ((simulate, "_PATIENCE_S", 1), FAR, f"--scheduler: .*{NOWHERE}"),
+    "no dask": ((sys.modules, "distributed", None), FAR, "dask is not installed.*pip install"),
+    "a worker dies": ((simulate, "refit", die), HERE, "--workers: 2.*a worker died"),
+}
 
 
 @pytest.mark.long
-def test_a_fault_of_a_block_is_not_hidden(
-    small: list[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("fault", FAULTS)
+def test_who_cannot_compute_is_told_in_a_line(
+    fault: str, small: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (place, name, value), options, words = FAULTS[fault]
+    if fault == "nothing listens":
+        pytest.importorskip("distributed")
+    change = monkeypatch.setitem if place is sys.modules else monkeypatch.setattr
+    change(place, name, value)
+    line = refused(*of_small(small), *options)
+    assert line.startswith("posecal: --")
+    assert re.search(words, line)
+
+
+@pytest.mark.long
+def test_a_fault_of_a_block_is_not_hidden(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulate, "refit", divmod)
-    done = called(*small, "--monte-carlo", "200", "--workers", "2")
+    done = run(*of_small(small), *HERE)
     assert isinstance(done.exception, TypeError)
 
 
@@ -684,15 +550,11 @@ def test_a_fault_of_a_block_is_not_hidden(
 TRIALS = 400
 
 
-def demonstration(cell: Cell, plan: Poses) -> SimulatedExperiment:
-    """The demonstration's truth, a base far off included; fits start a tenth away from it."""
-    _, _, truth = simulated(cell, plan, 0)
-    return replace(experiment_of(cell, plan), truth=truth, nominal=0.9 * truth)
-
-
 @pytest.mark.long
 def test_prediction_and_simulation_agree(kr270: Cell, table_two: Poses) -> None:
-    experiment = demonstration(kr270, table_two)
+    """The demonstration's truth, a base far off included; fits start a tenth away from it."""
+    _, _, truth = simulated(kr270, table_two, 0)
+    experiment = replace(experiment_of(kr270, table_two), truth=truth, nominal=0.9 * truth)
     prediction = predict(replace(experiment, nominal=experiment.truth), POINTS)
     done = refits(experiment, [prediction], TRIALS, seed=1)
     assert done["points"].settled.all()

@@ -4,55 +4,50 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from click.testing import Result
 
 import calib
-from calib import Cell, Measurements
+from calib import Cell, Diagnosis, Identification, Measurements
 from calib.arm.kinematics import forward
 from calib.arrays import Array
 from calib.files.estimate import load_estimate
 from calib.prediction.compensate import Compensation
-from calib.prediction.estimate import Estimate, estimate_of
+from calib.prediction.estimate import estimate_of
 from studies.research.sealed.draw import Case
 from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm
 from studies.research.truth.causes import Cause
 from studies.research.truth.scene import at_rest, draw_scene
 from studies.results.estimate import Estimated
 from tests.calib.test_compensate import band, missed, wanted
-from tests.studies.command_line import checked, run
+from tests.studies.command_line import ran, refused, result
 from tests.studies.research.sealed.scenes import PLAIN, as_files, case_of
 
 
-def compensate(demo: Path, *more: object) -> Result:
-    return run("compensate", demo / "cell.toml", demo / "result.json", demo / "targets.csv", *more)
+def call(demo: Path) -> tuple[object, ...]:
+    return "compensate", demo / "cell.toml", demo / "result.json", demo / "targets.csv"
 
 
-@pytest.mark.long
-def test_command_and_library_agree(demo: Path, tmp_path: Path) -> None:
-    compensate(demo, "--json", tmp_path / "c.json")
-    fields = json.loads((tmp_path / "c.json").read_text())
+@pytest.fixture(scope="module")
+def told(demo: Path) -> tuple[dict[str, Any], str]:
+    """The JSON of corrected commands, beside their table, and what is printed."""
+    return result(demo / "c.json", *call(demo), "-o", demo / "c.csv", kind="compensate")
+
+
+def test_table_is_the_targets_with_corrected_joints(
+    demo: Path, told: tuple[dict[str, Any], str]
+) -> None:
+    fields, said = told
+    rows = list(csv.DictReader((demo / "c.csv").read_text().splitlines()))
     cell = calib.load_cell(demo / "cell.toml")
-    result = calib.identify(cell, calib.load_measurements(cell, demo / "measurements.csv"))
-    found = calib.compensate(cell, result, demo / "targets.csv")
-    assert found.rms(found.expected) * 1e3 == pytest.approx(fields["rms_mm"]["expected"], rel=1e-6)
-    shown = [t["joints_deg"]["A3"] for t in fields["targets"]]
-    np.testing.assert_allclose(np.degrees(found.q[:, 2]), shown, atol=1e-6)
-
-
-def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) -> None:
-    done = compensate(demo, "-o", tmp_path / "c.csv", "--json", tmp_path / "c.json")
-    assert done.exit_code == 0, done.output
-    fields = json.loads((tmp_path / "c.json").read_text())
-    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
-    assert [row["weight"] for row in rows] == ["1", "2", "1", "1"]
-    cell = calib.load_cell(demo / "cell.toml")
-    plan = calib.load_plan(cell, tmp_path / "c.csv")
-    again, weights = calib.load_targets(cell, tmp_path / "c.csv")
+    plan = calib.load_plan(cell, demo / "c.csv")
+    again, weights = calib.load_targets(cell, demo / "c.csv")
     for q, target, row in zip(plan.q, fields["targets"], rows, strict=True):
         expected = [target["joints_deg"][joint] for joint in cell.robot.joints]
         np.testing.assert_allclose(np.degrees(q), expected, atol=2e-6)
@@ -61,18 +56,16 @@ def test_table_is_the_targets_with_corrected_joints(demo: Path, tmp_path: Path) 
         np.testing.assert_allclose(change, np.array(shown) * 1e3, atol=2e-3)
     np.testing.assert_array_equal(again.q, plan.q)
     np.testing.assert_array_equal(weights, [1.0, 2.0, 1.0, 1.0])
-    assert rows[3]["limited_by"] == "singular"
-    assert "1 of 4 targets are only partly corrected" in done.output
+    assert [row["limited_by"] for row in rows] == ["", "", "", "singular"]
+    assert "1 of 4 targets are only partly corrected" in said
+    assert "holds corrected commands already" in refused(*call(demo)[:3], demo / "c.csv")
 
 
-def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
-    compensate(demo, "--json", tmp_path / "c.json")
-    fields = json.loads((tmp_path / "c.json").read_text())
-    checked(fields, "compensate")
+def test_json_says_before_and_after(demo: Path, told: tuple[dict[str, Any], str]) -> None:
+    fields, _ = told
     assert fields["command"] == "compensate"
-    assert [Path(i["file"]).name for i in fields["inputs"]] == [
-        "cell.toml", "kr270.urdf", "result.json", "targets.csv",
-    ]  # fmt: skip
+    named = [Path(entry["file"]).name for entry in fields["inputs"]]
+    assert named == ["cell.toml", "kr270.urdf", "result.json", "targets.csv"]
     rms, expected = fields["rms_mm"], fields["expected"]
     assert rms["expected"] == pytest.approx(np.hypot(rms["left"], expected["rms_mm"]), rel=1e-6)
     parts = [expected[f"{name}_mm"] for name in ("parameters", "arm", "model")]
@@ -84,24 +77,23 @@ def test_json_says_before_and_after(demo: Path, tmp_path: Path) -> None:
     assert fields["errors_at"] == "markers"
     assert fields["limited"] == {"singular": 1}
     assert fields["warnings"] == []
+    cell = calib.load_cell(demo / "cell.toml")
+    found = calib.compensate(cell, demo / "result.json", demo / "targets.csv")
+    assert found.rms(found.expected) * 1e3 == pytest.approx(rms["expected"], rel=1e-6)
 
 
 @pytest.mark.long
 def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
     """Knots that the cell does not give, and effects of a diagnosis, come from the result alone."""
+    text = (demo / "cell.toml").read_text()
+    shutil.copy(demo / "kr270.urdf", tmp_path)
     cell_path = tmp_path / "cell.toml"
-    text = (demo / "cell.toml").read_text().replace("[model.knots_deg]", "[skip]")
-    text = text.replace("A2 = [-140.0, -99.85, -56.9, -25.24, -0.01]", "").replace("[skip]", "")
-    (tmp_path / "kr270.urdf").write_text((demo / "kr270.urdf").read_text())
-    cell_path.write_text(text)
+    cell_path.write_text(re.sub(r"\[model.knots_deg\][^=]*=.*", "", text))
     cell = calib.load_cell(cell_path)
     assert "A2" not in cell.knots
     data = calib.load_measurements(cell, demo / "measurements.csv")
-    for command, result in (
-        ("identify", calib.identify(cell, data)),
-        ("diagnose", calib.diagnose(cell, data)),
-    ):
-        known = estimate_of(result)
+    for command, found in (("identify", calib.identify), ("diagnose", calib.diagnose)):
+        known = estimate_of(found(cell, data))
         path = tmp_path / f"{command}.json"
         entry = Estimated.of(known).model_dump(by_alias=True)
         path.write_text(json.dumps({"command": command, "estimate": entry}))
@@ -118,19 +110,12 @@ def test_estimate_is_read_back_as_it_was(demo: Path, tmp_path: Path) -> None:
 
 
 def test_a_cell_that_changed_is_said(demo: Path, tmp_path: Path) -> None:
-    (tmp_path / "kr270.urdf").write_text((demo / "kr270.urdf").read_text())
-    (tmp_path / "cell.toml").write_text((demo / "cell.toml").read_text() + "\n# edited\n")
-    done = run("compensate", tmp_path / "cell.toml", demo / "result.json", demo / "targets.csv")
-    assert done.exit_code == 0
-    assert f"warning: {tmp_path / 'cell.toml'} changed since" in done.output
-    assert "kr270.urdf changed" not in done.output
-
-
-def test_corrected_commands_are_not_corrected_twice(demo: Path, tmp_path: Path) -> None:
-    compensate(demo, "-o", tmp_path / "c.csv")
-    done = run("compensate", demo / "cell.toml", demo / "result.json", tmp_path / "c.csv")
-    assert done.exit_code == 2
-    assert "holds corrected commands already" in done.output
+    shutil.copy(demo / "kr270.urdf", tmp_path)
+    path = tmp_path / "cell.toml"
+    path.write_text((demo / "cell.toml").read_text() + "\n# edited\n")
+    said = ran("compensate", path, *call(demo)[2:])
+    assert f"warning: {path} changed since" in said
+    assert "kr270.urdf changed" not in said
 
 
 def test_commands_that_do_not_keep_clear_are_told(demo: Path, tmp_path: Path) -> None:
@@ -143,20 +128,12 @@ def test_commands_that_do_not_keep_clear_are_told(demo: Path, tmp_path: Path) ->
     ball = f'[[design.obstacle]]\ntype = "sphere"\ncenter_mm = [{x}, {y}, {z}]\nradius_mm = 150\n'
     path = demo / "guarded.toml"
     path.write_text((demo / "cell.toml").read_text() + shapes + ball)
-    found = run(
-        "compensate",
-        path,
-        demo / "result.json",
-        demo / "targets.csv",
-        "--json",
-        tmp_path / "c.json",
-    )
-    assert found.exit_code == 0, found.output
-    fields = json.loads((tmp_path / "c.json").read_text())
+    fields, said = result(tmp_path / "c.json", "compensate", path, *call(demo)[2:])
     assert fields["not_clear"] == {targets.names[0]: "obstacle 1 (sphere)"}
-    said = " ".join(found.output.split())
     assert f"the arm does not keep clear at the corrected command of {targets.names[0]}" in said
 
+
+# -- Corrected commands of arms in MuJoCo
 
 CONDITIONS = replace(PLAIN, configurations=45, known_geometry=False)
 
@@ -187,12 +164,27 @@ def true_points(case: Case, q: Array) -> Array:
     return at_rest(moved, scene.mechanism(), case.causes).aimed[session.held]
 
 
-def ratio_of(case: Case, known: Estimate, found: Compensation) -> tuple[float, float, float]:
-    """RMS before and after [m] on the true arm, and the latter over what was expected."""
+class Met(NamedTuple):
+    """before, after : RMS on the true arm, m; ratio : of after to what was expected, low to high"""
+
+    found: Compensation
+    before: float
+    after: float
+    low: float
+    ratio: float
+    high: float
+
+
+def met(case: Case, cell: Cell, result: Identification | Diagnosis, targets: Measurements) -> Met:
+    """What the commands of a result do on the true arm."""
+    known, found = estimate_of(result), calib.compensate(cell, result, targets.poses)
     places = wanted(known, found)
-    before, after = (missed(true_points(case, q), places) for q in (found.targets.q, found.q))
-    ratio = np.sqrt(after.mean() / (found.expected**2).mean())
-    return float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), float(ratio)
+    before, after = (
+        float(np.sqrt(missed(true_points(case, q), places).mean()))
+        for q in (found.targets.q, found.q)
+    )
+    low, high = band(known, replace(found.targets, q=found.q))
+    return Met(found, before, after, low, after / found.rms(found.expected), high)
 
 
 @pytest.mark.long
@@ -201,17 +193,13 @@ def test_true_arm_is_where_it_should_be(arm: Arm, tmp_path: Path) -> None:
     """Geometry, payload and load: the error falls to what the covariance says."""
     case = measured(arm, 2)
     cell, data, targets = files(tmp_path, case)
-    result = calib.identify(cell, data)
-    found = calib.compensate(cell, result, targets.poses)
-    known = estimate_of(result)
-    before, after, ratio = ratio_of(case, known, found)
-    low, high = band(known, replace(found.targets, q=found.q))
-    assert len(found.q) >= 40
-    assert found.left.max() < 1e-7
-    assert before > 1e-3
-    assert after < 1e-5
-    assert low < ratio < high
-    assert found.rms(found.before) == pytest.approx(before, rel=0.01)
+    own = met(case, cell, calib.identify(cell, data), targets)
+    assert len(own.found.q) >= 40
+    assert own.found.left.max() < 1e-7
+    assert own.before > 1e-3
+    assert own.after < 1e-5
+    assert own.low < own.ratio < own.high
+    assert own.found.rms(own.found.before) == pytest.approx(own.before, rel=0.01)
 
 
 @pytest.mark.long
@@ -221,15 +209,11 @@ def test_a_noisy_instrument_is_not_expected_at_the_targets(tmp_path: Path) -> No
     for seed in range(2):
         case = measured(LIGHT, seed, louder=3.0)
         cell, data, targets = files(tmp_path / str(seed), case)
-        result = calib.identify(cell, data)
-        found = calib.compensate(cell, result, targets.poses)
-        known = estimate_of(result)
-        assert known.discrepancy.rms == found.error.arm.max() == 0.0
-        _, after, ratio = ratio_of(case, known, found)
-        low, high = band(known, replace(found.targets, q=found.q))
-        assert low < ratio < high
-        came.append(after)
-        stated.append(after / ratio)
+        own = met(case, cell, calib.identify(cell, data), targets)
+        assert own.found.error.estimate.discrepancy.rms == own.found.error.arm.max() == 0.0
+        assert own.low < own.ratio < own.high
+        came.append(own.after)
+        stated.append(own.after / own.ratio)
     ratio = float(np.linalg.norm(came) / np.linalg.norm(stated))
     assert 0.8 < ratio < 1.2
 
@@ -239,17 +223,12 @@ def test_named_cause_is_corrected(tmp_path: Path) -> None:
     """Backlash that only the diagnosis knows of: gone with it, left over without."""
     case = measured(HEAVY, 5, Cause("backlash", "A3", {"half_width": 8e-5}))
     cell, data, targets = files(tmp_path, case)
-    result = calib.diagnose(cell, data)
-    assert [c.named.candidate.key for c in result.causes] == ["backlash:A3"]
-    known = estimate_of(result)
-    found = calib.compensate(cell, result, targets.poses)
-    before, after, ratio = ratio_of(case, known, found)
-    low, high = band(known, replace(found.targets, q=found.q))
-    assert before > 1e-3
-    assert low < ratio < high
-    plain = calib.identify(cell, data)
-    without = ratio_of(case, estimate_of(plain), calib.compensate(cell, plain, targets.poses))
-    assert without[1] > 4.0 * after
+    found = calib.diagnose(cell, data)
+    assert [c.named.candidate.key for c in found.causes] == ["backlash:A3"]
+    own = met(case, cell, found, targets)
+    assert own.before > 1e-3
+    assert own.low < own.ratio < own.high
+    assert met(case, cell, calib.identify(cell, data), targets).after > 4.0 * own.after
 
 
 @pytest.mark.long
@@ -258,11 +237,9 @@ def test_located_rest_is_part_of_what_is_expected(tmp_path: Path) -> None:
     case = measured(HEAVY, 5, Cause("third_harmonic", "A4", {"a": 1.5e-4, "b": 1e-4}))
     cell, data, targets = files(tmp_path, case)
     cell = replace(cell, excluded=("gear_ripple",))
-    result = calib.diagnose(cell, data, heldout=targets)
-    found = calib.compensate(cell, result, targets.poses)
-    before, after, ratio = ratio_of(case, estimate_of(result), found)
-    assert "not corrected: the gap located at A4 by q:A4" in " ".join(found.notes)
-    assert found.error.estimate.configuration_of == "model"
-    assert found.rms(found.error.model) > 2.0 * case.scene.noise.sigma
-    assert after < before / 20.0
-    assert 0.8 < ratio < 1.25  # the same poses are held out and aimed at
+    own = met(case, cell, calib.diagnose(cell, data, heldout=targets), targets)
+    assert "not corrected: the gap located at A4 by q:A4" in " ".join(own.found.notes)
+    assert own.found.error.estimate.configuration_of == "model"
+    assert own.found.rms(own.found.error.model) > 2.0 * case.scene.noise.sigma
+    assert own.after < own.before / 20.0
+    assert 0.8 < own.ratio < 1.25  # the same poses are held out and aimed at

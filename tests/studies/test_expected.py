@@ -12,13 +12,10 @@ import pytest
 
 import calib
 from calib.cell.targets import targets_of
-from calib.prediction.discrepancy import ModelDiscrepancy
-from calib.prediction.estimate import Estimate, ExpectedError
-from studies.compare.experiment import POINTS, experiment_of, predict
 from studies.render import mm
 from studies.results.expected import ExpectedErrors
 from tests import plain_day as days
-from tests.studies.command_line import result, run
+from tests.studies.command_line import ran, result
 
 MORE = """
 [acceptance]
@@ -29,66 +26,53 @@ operator = "second shift"
 """
 
 
-def _numbers(expected: dict[str, Any]) -> dict[str, float]:
+def _numbers(result: Path) -> dict[str, float]:
+    """What is expected at the targets, mm, by the JSON of a result."""
+    expected = json.loads(result.read_text())["expected"]
     return {name: value for name, value in expected.items() if name.endswith("_mm")}
 
 
 def test_five_commands_state_the_same_three_numbers(demo_folder: Path, tmp_path: Path) -> None:
     cell = calib.load_cell(demo_folder / "cell.toml")
-    identified, diagnosed = (
-        _numbers(json.loads((demo_folder / f"{name}.json").read_text())["expected"])
-        for name in ("identify", "diagnose")
-    )
+    identified = _numbers(demo_folder / "identify.json")
     table, check = demo_folder / "measurements.csv", demo_folder / "check.csv"
-    enough, said = result(tmp_path / "e.json", "enough", cell.path, table, "--holdout", check)
-    assert _numbers(enough["expected"]) == pytest.approx(identified)
-    parts = ", ".join(
-        f"{name} {mm(identified[f'{name}_mm'])}" for name in ("parameters", "arm", "model")
-    )
+    _, said = result(tmp_path / "e.json", "enough", cell.path, table, "--holdout", check)
+    assert _numbers(tmp_path / "e.json") == pytest.approx(identified)
+    sources = ("parameters", "arm", "model")
+    parts = ", ".join(f"{name} {mm(identified[f'{name}_mm'])}" for name in sources)
     assert f"RMS, {mm(identified['worst_mm'])} at worst: {parts}" in said
     assert parts in (demo_folder / "report.html").read_text()
     targets, weights = targets_of(cell)
     corrected = calib.compensate(cell, demo_folder / "identify.json", targets, weights=weights)
-    there = _numbers(ExpectedErrors.of(corrected.error, weights).model_dump())
-    assert there == pytest.approx(identified, rel=0.01)
+    there = ExpectedErrors.of(corrected.error, weights)
+    for name, value in identified.items():
+        assert getattr(there, name) == pytest.approx(value, rel=0.01)
+    diagnosed = _numbers(demo_folder / "diagnose.json")
     beside = [np.hypot(one["arm_mm"], one["model_mm"]) for one in (diagnosed, identified)]
     assert beside[0] < 0.1 * beside[1], "its cause is in the model by then"
 
 
 def test_a_plan_states_what_its_covariance_leaves(demo_folder: Path) -> None:
-    """By the covariance that a comparison predicts, and the function of all commands."""
-    cell = calib.load_cell(demo_folder / "cell.toml")
-    experiment = experiment_of(cell, calib.load_plan(cell, demo_folder / "plan.csv"))
-    known = predict(experiment, POINTS).covariance
-    none = ModelDiscrepancy(0.0, "")
-    estimate = Estimate(experiment.model, experiment.nominal, known, 0.0, none, ())
     stated = json.loads((demo_folder / "design.json").read_text())
-    ours = ExpectedErrors.of(ExpectedError(estimate, targets_of(cell)[0]), targets_of(cell)[1])
-    assert ours.parameters_mm == pytest.approx(stated["expected"]["parameters_mm"], rel=1e-5)
     assert stated["expected"]["parameters_mm"] == pytest.approx(stated["task_rms_mm"])
     assert (stated["expected"]["arm_mm"], stated["expected"]["model_mm"]) == (0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("day")
-    rng = np.random.default_rng(4)
+def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], str]:
+    """The folder, the JSON and the terminal of a cell with a tolerance."""
+    folder, rng = tmp_path_factory.mktemp("day"), np.random.default_rng(4)
     q = days.joints(24, rng)
     (folder / "data.csv").write_text(days.table(q, days.read(days.points(days.TRUE, q), rng)))
-    days.write_cell(folder)
-    (folder / "judged.toml").write_text((folder / "cell.toml").read_text() + MORE)
-    return folder
+    cell = days.write_cell(folder, more=days.PAYLOAD + MORE)
+    call = ("identify", cell, folder / "data.csv", "--holdout", 0.25)
+    return folder, *result(folder / "judged.json", *call)
 
 
-@pytest.fixture(scope="module")
-def identified(folder: Path) -> tuple[dict[str, Any], str]:
-    """The JSON and the terminal of a cell with a tolerance."""
-    call = ("identify", folder / "judged.toml", folder / "data.csv", "--holdout", 0.25)
-    return result(folder / "judged.json", *call)
-
-
-def test_rows_of_the_budget_add_up_to_the_total(identified: tuple[dict[str, Any], str]) -> None:
-    fields, _ = identified
+def test_rows_of_the_budget_add_up_to_the_total(
+    identified: tuple[Path, dict[str, Any], str],
+) -> None:
+    _, fields, _ = identified
     rows, budget = fields["budget"]["rows"], fields["budget"]
     squares = [row["at_targets_mm"] ** 2 for row in rows]
     assert math.sqrt(sum(squares)) == pytest.approx(budget["total"]["standard_uncertainty_mm"])
@@ -102,11 +86,11 @@ def test_rows_of_the_budget_add_up_to_the_total(identified: tuple[dict[str, Any]
 
 
 def test_tolerance_and_what_the_cell_tells_reach_result_and_page(
-    folder: Path, identified: tuple[dict[str, Any], str]
+    identified: tuple[Path, dict[str, Any], str],
 ) -> None:
-    fields, told = identified
+    folder, fields, told = identified
     held = [
-        math.dist((row["x_mm"], row["y_mm"], row["z_mm"]), (0, 0, 0))
+        math.hypot(row["x_mm"], row["y_mm"], row["z_mm"])
         for row in fields["residuals"]
         if row["heldout"]
     ]
@@ -115,10 +99,9 @@ def test_tolerance_and_what_the_cell_tells_reach_result_and_page(
     assert fields["acceptance"]["verdict"] == verdict
     assert f"{verdict.capitalize()} (tolerance 0.0800 mm): the largest error of" in told
     assert fields["about"] == {"serial": "R-0815", "operator": "second shift"}
-    done = run("report", folder / "judged.json", "-o", folder / "page.html")
-    assert done.exit_code == 0, done.output
+    ran("report", folder / "judged.json", "-o", folder / "page.html")
     text = (folder / "page.html").read_text()
     for words in (*fields["about"].values(), "Tolerance 0.08 mm: the largest error"):
         assert words in text
-    done = run("identify", folder / "judged.toml", folder / "data.csv")
-    assert "Not decided (tolerance 0.0800 mm)" in " ".join(done.stdout.split())
+    said = ran("identify", folder / "cell.toml", folder / "data.csv")
+    assert "Not decided (tolerance 0.0800 mm)" in said

@@ -19,7 +19,7 @@ from studies.render import short
 from studies.results.identify import IdentifyResult
 from studies.results.read import read, read_as
 from tests.fuzz.small_cell import small_results
-from tests.studies.command_line import check_harmless, run
+from tests.studies.command_line import check_harmless, ran, result, run, without_load
 from tests.studies.test_results import written
 
 MOST_BYTES = 400_000
@@ -38,8 +38,7 @@ def text_of(html: str) -> str:
 
 
 def reported(page: Path, *words: object) -> str:
-    done = run("report", *words, "-o", page)
-    assert done.exit_code == 0, done.output
+    ran("report", *words, "-o", page)
     return text_of(page.read_text())
 
 
@@ -71,14 +70,16 @@ def test_the_answer_stands_first_and_figures_are_described(html: str, demo_folde
         assert entry["sha256"] in text
 
 
-def test_who_and_when(demo_folder: Path, tmp_path: Path) -> None:
-    result = tmp_path / "r.json"
-    text = reported(
-        tmp_path / "page.html", demo_folder / "identify.json", "--title", "Cell <7>", "--json", result,
-        "--operator", "R. & D.", "--date", "2026-11-21", "--instrument", "tracker 0815",
-    )  # fmt: skip
-    assert all(w in text for w in ("Cell <7>", "R. & D.", "2026-11-21", "tracker 0815"))
-    fields = json.loads(result.read_text())
+def test_who_and_when(tmp_path: Path) -> None:
+    call = ("report", written(tmp_path, "identified"), "-o", tmp_path / "page.html")
+    about = {
+        "--title": "Cell <7>", "--operator": "R. & D.", "--date": "2026-11-21",
+        "--instrument": "tracker 0815",
+    }  # fmt: skip
+    words = [word for option in about.items() for word in option]
+    fields, _ = result(tmp_path / "r.json", *call, *words)
+    text = text_of((tmp_path / "page.html").read_text())
+    assert all(own in text for own in about.values())
     assert (fields["command"], len(fields["inputs"])) == ("report", 1)
 
 
@@ -114,87 +115,79 @@ def test_every_kind_with_errors_before_and_after(name: str, tmp_path: Path) -> N
         assert ("This is the error of the fit." in text) == (name == "diagnosed")
 
 
-@pytest.fixture
-def moved(demo_folder: Path, tmp_path: Path) -> Path:
-    """The results with their inputs in another place, where they are looked for beside them."""
-    folder = tmp_path / "moved"
-    shutil.copytree(demo_folder, folder)
-    for file in folder.glob("*.json"):
-        fields = json.loads(file.read_text())
-        for entry in fields.get("inputs", []):
-            entry["file"] = f"elsewhere/{Path(entry['file']).name}"
-        file.write_text(json.dumps(fields))
-    return folder
-
-
-def test_inputs_that_changed_or_differ_are_named(moved: Path) -> None:
-    table = moved / "measurements.csv"
-    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3]))
-    run("identify", moved / "cell.toml", table, "--json", moved / "fewer.json")
-    text = reported(moved / "page.html", moved / "fewer.json", moved / "diagnose.json")
-    assert "measurements.csv is another file in diagnose.json than in fewer.json" in text
-    (moved / "cell.toml").write_text((moved / "cell.toml").read_text() + "\n")
-    (moved / "kr270.urdf").unlink()
-    text = reported(moved / "page.html", moved / "identify.json")
+def test_inputs_that_changed_or_differ_are_named(small: Path) -> None:
+    cell, table = small / "cell.toml", small / "data.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-2]))
+    ran("identify", cell, table, "--json", small / "fewer.json")
+    before = written(small, "diagnosed")
+    text = reported(small / "page.html", small / "fewer.json", before)
+    assert "data.csv is another file in diagnosed.json than in fewer.json" in text
+    cell.write_text(cell.read_text() + "\n")
+    (small / "arm.urdf").unlink()
+    text = reported(small / "page.html", written(small, "identified"))
     assert "cell.toml is changed since: the picture of the arm is left out" in text
     assert "not found" in text
     assert "What was identified" in text
 
 
-def test_held_out_poses_may_be_called_as_the_fitted(moved: Path) -> None:
-    """Two tables of a session, each with p01, p02 ..: nothing is mixed up."""
-    check, result = moved / "check.csv", moved / "renamed.json"
-    check.write_text(re.sub(r"^c(\d\d)", r"p\1", check.read_text(), flags=re.M))
-    cell, table = moved / "cell.toml", moved / "measurements.csv"
-    done = run("identify", cell, table, "--holdout", check, "--json", result)
-    assert done.exit_code == 0, done.output
-    found = read_as(result, IdentifyResult)
-    poses, fields = found.by_pose, json.loads(result.read_text())
-    assert (len(poses), sum(own.heldout for own in poses)) == (46, 16)
+def test_held_out_poses_may_be_called_as_the_fitted(small: Path) -> None:
+    """Two tables of a session, each with p0, p1 ..: nothing is mixed up."""
+    tables = {"first.csv": 0.0, "check.csv": 0.1}  # mm, by which x is off
+    header, *rows = (line.split(",") for line in (small / "data.csv").read_text().splitlines())
+    x = header.index("x_mm")
+    for day, (name, off) in enumerate(tables.items()):
+        lines = [[*header, "time_s"]]
+        for row in rows:
+            lines.append([*row, str(3600 * day)])
+            lines[-1][x] = str(float(row[x]) + off)
+        (small / name).write_text("\n".join(map(",".join, lines)))
+    first, check = (small / name for name in tables)
+    call = ("identify", small / "cell.toml", first, "--holdout", check)
+    fields, _ = result(small / "renamed.json", *call)
+    found = read_as(small / "renamed.json", IdentifyResult)
+    assert [own.heldout for own in found.by_pose].count(True) == len(found.by_pose) / 2 == 8
     for held, key in ((False, "fitted_all"), (True, "heldout")):
-        own = [pose for pose in poses if pose.heldout == held]
+        own = [pose for pose in found.by_pose if pose.heldout == held]
         squares = sum(pose.points * pose.after**2 for pose in own)
         rms = np.sqrt(squares / sum(pose.points for pose in own))
         assert rms == pytest.approx(fields["rms_mm"][key], rel=1e-9)
     hours = {(c.pose, c.heldout): c.variables["time [h]"] for c in found.conditions}
-    assert hours["p01_free", True] > hours["p01_free", False]
+    assert hours["p1", True] == hours["p1", False] + 1.0
 
 
-def test_a_model_that_is_worse_elsewhere_is_not_praised(moved: Path) -> None:
-    path = moved / "identify.json"
-    fields = json.loads(path.read_text())
-    for row in fields["residuals"]:
-        row |= {axis: 1e3 * row[axis] for axis in ("x_mm", "y_mm", "z_mm")}
-    fields["expected"]["model_mm"] = 0.0  # a systematic error would be the cause
-    path.write_text(json.dumps(fields))
-    text = reported(moved / "page.html", path)
+def test_a_model_that_is_worse_elsewhere_is_not_praised(small: Path) -> None:
+    fields = small_results()["identified"]
+    axes = ("x_mm", "y_mm", "z_mm")
+    worse = [row | {axis: 1e3 * row[axis] for axis in axes} for row in fields["residuals"]]
+    expected = fields["expected"] | {"model_mm": 0.0}  # a systematic error would be the cause
+    path = written(small, "identified", fields | {"residuals": worse, "expected": expected})
+    text = reported(small / "page.html", path)
     assert "What to do next Do not use this model." in text
-    assert 'class="verdict fail"' in (moved / "page.html").read_text()
+    assert 'class="verdict fail"' in (small / "page.html").read_text()
 
 
-def test_results_from_python(demo_folder: Path, tmp_path: Path) -> None:
+def test_results_from_python(small: Path) -> None:
     """The same object as the command's: text, table, JSON, and a page in a line."""
-    cell = calib.load_cell(demo_folder / "cell.toml")
-    data = calib.load_measurements(cell, demo_folder / "measurements.csv")
+    path = small / "cell.toml"
+    without_load(path)
+    cell = calib.load_cell(path)
+    data = calib.load_measurements(cell, small / "data.csv")
     found = calib.identify(cell, data, heldout=0.3)
-    result = studies.result_of(cell, found)
-    done = run("identify", cell.path, demo_folder / "measurements.csv", "--holdout", "0.3",
-               "--json", tmp_path / "i.json")  # fmt: skip
-    assert result.summary() in done.output
-    assert repr(result) == result.summary()
-    ours, theirs = json.loads(result.to_json()), json.loads((tmp_path / "i.json").read_text())
+    own = studies.result_of(cell, found)
+    done = run("identify", path, small / "data.csv", "--holdout", "0.3", "--json", "-")
+    assert own.summary() in done.stderr
+    assert repr(own) == own.summary()
+    ours, theirs = json.loads(own.to_json()), json.loads(done.stdout)
     assert {k for k in ours if ours[k] != theirs[k]} <= {"inputs", "holdout"}
-    studies.page(result, operator="N. N.").write(tmp_path / "x.html")
-    text = text_of((tmp_path / "x.html").read_text())
-    assert "operator N. N." in text
-    assert "<h2>" in result._repr_html_()
-    value, std = found["geometry:A2.x"]
-    entry = next(p for p in ours["parameters"] if p["id"] == "geometry:A2.x")
-    assert (value * 1e6, std * 1e6) == pytest.approx((entry["value"], entry["std"]))
-    with pytest.raises(
-        calib.CalibError, match=r"no parameter 'geometry:A2\.w'; there is geometry:A2"
-    ):
-        found["geometry:A2.w"]
+    studies.page(own, operator="N. N.").write(small / "x.html")
+    assert "operator N. N." in text_of((small / "x.html").read_text())
+    assert "<h2>" in own._repr_html_()
+    value, std = found["tool:marker:m1.x"]
+    entry = next(p for p in ours["parameters"] if p["id"] == "tool:marker:m1.x")
+    assert (value * 1e3, std * 1e3) == pytest.approx((entry["value"], entry["std"]))
+    none = r"no parameter 'tool:marker:m1\.w'; there is tool:marker:m1"
+    with pytest.raises(calib.CalibError, match=none):
+        found["tool:marker:m1.w"]
     with pytest.raises(calib.CalibError, match="found is a Cell; give one of"):
         studies.result_of(cell, cell)
 
@@ -250,51 +243,64 @@ def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
 
 
 PAGES = 11
+CUT = """() => [...document.querySelectorAll("h1, h2, h3, p, li, figcaption, summary, .box")]
+    .filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"""
+BROKEN = """() => [...document.querySelectorAll("th, td, dd")].flatMap(cell => {
+    const node = [...cell.childNodes].find(own => own.nodeType === 3), range = new Range();
+    if (!node || !cell.offsetParent || cell.closest(".bars")) return [];
+    return [...node.data.matchAll(/[A-Za-z_]{3,24}/g)].filter(({ index, 0: word }) => {
+        range.setStart(node, index); range.setEnd(node, index + word.length);
+        return new Set([...range.getClientRects()].map(box => box.top)).size > 1;
+    }).map(found => found[0]); })"""
+LETTERS = """() => [...document.querySelectorAll("figure svg")].flatMap(svg => {
+    const wide = svg.getBoundingClientRect().width;
+    return wide ? [...svg.querySelectorAll("text")].map(text =>
+        parseFloat(getComputedStyle(text).fontSize) * wide / svg.viewBox.baseVal.width) : []; })"""
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+@pytest.mark.parametrize(("width", "height", "scheme"), [(1280, 900, "light"), (390, 844, "dark")])
 def test_it_fits_and_asks_for_nothing(
-    open_page: Callable[..., Any], html: str, width: int, scheme: str
+    open_page: Callable[..., Any], html: str, width: int, height: int, scheme: str
 ) -> None:
-    page = open_page(html, width=width, color_scheme=scheme)  # fails on errors and requests
+    page = open_page(html, width, height, color_scheme=scheme)  # fails on errors and requests
+    box = page.locator(".verdict .change").bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= width
+    assert box["y"] + box["height"] <= height, "the verdict stands on the first screen"
+    assert page.evaluate(BROKEN) == [], "words are whole"
+    assert min(page.evaluate(LETTERS)) > 8.0, "px"
     for details in page.query_selector_all("details"):
         details.evaluate("element => element.open = true")
     over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     assert page.evaluate(over) <= 0
-    cut = page.evaluate(
-        """() => [...document.querySelectorAll("h1, h2, h3, p, li, figcaption, summary, .box")]
-            .filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"""
-    )
-    assert cut == []
+    assert page.evaluate(CUT) == []
 
 
-# Of a table four rows, of a figure the first texts and marks: further ones are as these are.
+# Of a table four rows, of a figure the first texts: further ones are as these are.
 THINNED = """() => {
     document.querySelectorAll("details").forEach(own => own.open = true);
     document.querySelectorAll("tbody").forEach(own => [...own.rows].slice(4).forEach(r => r.remove()));
     document.querySelectorAll("figure svg").forEach(svg => {
         const kept = new Set();
-        for (const [kind, most] of [["text", 9]])
-            for (let own of [...svg.querySelectorAll(kind)].slice(0, most)) {
-                own.querySelectorAll("*").forEach(e => kept.add(e));
-                for (; own !== svg; own = own.parentElement) kept.add(own);
-            }
+        for (let own of [...svg.querySelectorAll("text")].slice(0, 9)) {
+            own.querySelectorAll("*").forEach(e => kept.add(e));
+            for (; own !== svg; own = own.parentElement) kept.add(own);
+        }
         svg.querySelectorAll("*").forEach(e => kept.has(e) || e.remove());
     }); }"""
 
-RULES = {
-    "light": {},
-    "dark": {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}},
-}
-"""All; in dark colours those that ask for colours, since nothing else differs."""
+COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}}
+"""Of the rules those that ask for colours: nothing else differs in dark ones."""
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_serious_fault(open_page: Callable[..., Any], html: str, scheme: str) -> None:
+@pytest.mark.parametrize(("scheme", "rules"), [("light", {}), ("dark", COLOURS)])
+def test_axe_finds_no_serious_fault(
+    open_page: Callable[..., Any], html: str, scheme: str, rules: dict[str, Any]
+) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page = open_page(re.sub(r"<meta http-equiv[^>]*>", "", html), color_scheme=scheme)
     page.evaluate(THINNED)
-    found = axe.run(page, options={"resultTypes": ["violations"], **RULES[scheme]}).response
+    found = axe.run(page, options={"resultTypes": ["violations"], **rules}).response
     assert found["passes"], "it looked"
     serious = [
         (v["id"], [node["html"][:200] for node in v["nodes"]][:3])
@@ -307,36 +313,3 @@ def test_axe_finds_no_serious_fault(open_page: Callable[..., Any], html: str, sc
 def test_it_prints_on_few_pages(open_page: Callable[..., Any], html: str) -> None:
     pdf = open_page(html).pdf(format="A4")
     assert 1 <= len(re.findall(rb"/Type\s*/Page[^s]", pdf)) <= PAGES
-
-
-def test_text_in_figures_stays_legible_and_words_whole_on_a_phone(
-    open_page: Callable[..., Any], html: str
-) -> None:
-    page = open_page(html, width=390)
-    heights = page.evaluate(
-        """() => [...document.querySelectorAll("figure svg")].flatMap(svg => {
-            const wide = svg.getBoundingClientRect().width;
-            return wide ? [...svg.querySelectorAll("text")].map(text =>
-                parseFloat(getComputedStyle(text).fontSize) * wide / svg.viewBox.baseVal.width) : [];
-        })"""
-    )
-    assert min(heights) > 8.0
-    broken = page.evaluate(
-        """() => [...document.querySelectorAll("th, td, dd")].flatMap(cell => {
-            const node = [...cell.childNodes].find(own => own.nodeType === 3), range = new Range();
-            if (!node || !cell.offsetParent || cell.closest(".bars")) return [];
-            return [...node.data.matchAll(/[A-Za-z_]{3,24}/g)].filter(({ index, 0: word }) => {
-                range.setStart(node, index); range.setEnd(node, index + word.length);
-                return new Set([...range.getClientRects()].map(box => box.top)).size > 1;
-            }).map(found => found[0]); })"""
-    )
-    assert broken == []
-
-
-def test_the_verdict_stands_on_the_first_screen(open_page: Callable[..., Any], html: str) -> None:
-    for width, height in ((1280, 900), (390, 844)):
-        page = open_page(html, width=width, height=height)
-        box = page.locator(".verdict .change").bounding_box()
-        assert box["x"] >= 0
-        assert box["x"] + box["width"] <= width
-        assert box["y"] + box["height"] <= height

@@ -17,7 +17,7 @@ from studies.kinds import result_type
 from studies.report import Reported, page_of
 from studies.results.base import NotAsked
 from studies.results.read import json_schema, read
-from tests.fuzz.small_cell import KINDS, put_small_cell, small_results
+from tests.fuzz.small_cell import KINDS, small_results
 from tests.studies.command_line import check_harmless, checked, result, run
 
 FIGURES = ("identified", "diagnosed", "designed", "compared")
@@ -197,10 +197,9 @@ def test_a_page_does_not_blame_the_file(
     assert not (tmp_path / "page.html").exists()
 
 
-def test_poses_to_come_are_found_without_a_plan(tmp_path: Path) -> None:
-    put_small_cell(tmp_path)
-    call = ("enough", tmp_path / "cell.toml", tmp_path / "data.csv")
-    fields, said = result(tmp_path / "out.json", *call, kind="enough")
+def test_poses_to_come_are_found_without_a_plan(small: Path) -> None:
+    call = ("enough", small / "cell.toml", small / "data.csv")
+    fields, said = result(small / "out.json", *call, kind="enough")
     assert fields["order"] == []
     assert "planned poses" not in said
     assert f"RMS now, from {fields['now']['readings']} readings." in said

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import pty
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -26,93 +28,80 @@ MARKER = r"[bold red]../../m1[/bold]$\x$"
 NAME = r"[/]cell & ${x}"
 
 
+def edited(path: Path, *changes: tuple[str, str]) -> None:
+    text = path.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+
+
 @pytest.fixture
-def hostile(good: Path, tmp_path: Path) -> Path:
-    """The demonstration with markup, mathematics and paths for names."""
+def hostile(tmp_path: Path) -> Path:
+    """A cell with markup, mathematics and paths for names."""
     folder = tmp_path / "deep" / "cell"
     folder.mkdir(parents=True)
-    cell = (good / "cell.toml").read_text()
-    cell = re.sub("^A2 =", lambda _: f"'{JOINT}' =", cell, flags=re.M).replace(
-        ':A2"', f':{JOINT}"'.replace("\\", "\\\\")
-    )
-    cell = re.sub("^m1 =", lambda _: f"'{MARKER}' =", cell, flags=re.M)
-    (folder / "cell.toml").write_text(
-        cell.replace("{ A2 =", f"{{ '{JOINT}' =").replace("kr270 milling cell", NAME)
-    )
+    put_small_cell(folder)
+    limits = f"[robot.limits_deg]\n'{JOINT}' = [-110, 110]\n[markers_mm]"
+    edited(
+        folder / "cell.toml", ("m1 =", f"'{MARKER}' ="), ('"small"', f'"{NAME}"'),
+        ("[markers_mm]", limits), ('"joint_offset"', f"'transmission_scale:{JOINT}'"),
+    )  # fmt: skip
     xml = JOINT.replace("<", "&lt;").replace(">", "&gt;")
-    urdf = (good / "kr270.urdf").read_text()
-    (folder / "kr270.urdf").write_text(urdf.replace('name="A2"', f'name="{xml}"'))
-    for name in ("measurements.csv", "plan.csv"):
-        table = (good / name).read_text().replace("A2_deg", JOINT + "_deg")
-        table = table.replace(",m1,", f",{MARKER},").replace("\np0", "\n../../p0")
-        (folder / name).write_text(table)
+    edited(folder / "arm.urdf", ('name="A2"', f'name="{xml}"'))
+    for name in ("data.csv", "plan.csv", "targets.csv"):
+        edited(folder / name, ("A2_deg", f"{JOINT}_deg"), ("\np", "\n../../p"))
+    edited(folder / "data.csv", (",m1,", f",{MARKER},"))
     return folder
 
 
-def test_names_are_printed_as_they_are_and_name_no_files(hostile: Path) -> None:
-    outside = {p for p in hostile.parents[1].rglob("*") if hostile not in p.parents}
-    with contextlib.chdir(hostile):
-        heard = posecal(
-            "identify", "cell.toml", "measurements.csv",
-            "--figures", "figures", "--json", "out.json", "--urdf", "out.urdf",
-        )  # fmt: skip
+def test_names_are_printed_as_they_are_and_name_no_files(
+    hostile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def outside() -> set[Path]:
+        return {p for p in tmp_path.rglob("*") if hostile not in p.parents}
+
+    before = outside()
+    monkeypatch.chdir(hostile)
+    written = ("--figures", "figures", "--json", "out.json", "--urdf", "out.urdf")
+    heard = posecal("identify", "cell.toml", "data.csv", *written)
     assert not heard.status, heard.err
     assert heard.out.startswith(f"{NAME}: The error at ")
     assert JOINT in heard.out
-    found = json.loads((hostile / "out.json").read_text())
+    found = json.loads(Path("out.json").read_text())
     assert f"tool:marker:{MARKER}.x" in {p["id"] for p in found["parameters"]}
-    assert any(r["pose"].startswith("../../p0") for r in found["residuals"])
-    for picture in (hostile / "figures").glob("*.svg"):
+    assert all(r["pose"].startswith("../../p") for r in found["residuals"])
+    for picture in Path("figures").glob("*.svg"):
         ElementTree.parse(picture)
-    assert {p for p in hostile.parents[1].rglob("*") if hostile not in p.parents} == outside
-    again = (hostile / "cell.toml").read_text().replace("kr270.urdf", "out.urdf")
-    (hostile / "again.toml").write_text(again)
-    with contextlib.chdir(hostile):
-        assert not posecal("identify", "again.toml", "measurements.csv").status
+    assert outside() == before
+    edited(Path("cell.toml"), ("arm.urdf", "out.urdf"))
+    assert not posecal("identify", "cell.toml", "data.csv").status
 
 
-@pytest.fixture(scope="module")
-def expected(good: Path) -> str:
-    """What is printed for the table as it was."""
-    return posecal("identify", str(good / "cell.toml"), str(good / "measurements.csv")).out
-
-
-def encoded(text: str, how: str) -> bytes:
-    ways = {
-        "byte order mark": lambda: text.encode("utf-8-sig"),
-        "line ends of Windows": lambda: text.replace("\n", "\r\n").encode(),
-        "line ends of old": lambda: text.replace("\n", "\r").encode(),
-        "UTF-16": lambda: text.encode("utf-16"),
-        "Latin-1": lambda: text.replace("p01", "M\u00fcller").encode("latin-1"),
-        "names beyond ASCII": lambda: text.replace("p01", "M\u00fcller \u673a").encode(),
-        "no last line end": lambda: text.rstrip("\n").encode(),
-    }
-    return ways[how]()
+ENCODED: dict[str, Callable[[str], bytes]] = {
+    "byte order mark": lambda text: text.encode("utf-8-sig"),
+    "line ends of Windows": lambda text: text.replace("\n", "\r\n").encode(),
+    "line ends of old": lambda text: text.replace("\n", "\r").encode(),
+    "names beyond ASCII": lambda text: text.replace("p1", "M\u00fcller \u673a").encode(),
+    "no last line end": lambda text: text.rstrip("\n").encode(),
+    "UTF-16": lambda text: text.encode("utf-16"),
+    "Latin-1": lambda text: text.replace("p1", "M\u00fcller").encode("latin-1"),
+}
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    ("how", "readable"),
-    [
-        ("byte order mark", True),
-        ("line ends of Windows", True),
-        ("line ends of old", True),
-        ("names beyond ASCII", True),
-        ("no last line end", True),
-        ("UTF-16", False),
-        ("Latin-1", False),
-    ],
-)
-def test_encodings(good: Path, expected: str, tmp_path: Path, how: str, readable: bool) -> None:
-    table = (good / "measurements.csv").read_text()
-    (tmp_path / "data.csv").write_bytes(encoded(table, how))
-    heard = posecal("identify", str(good / "cell.toml"), str(tmp_path / "data.csv"))
-    if readable:
-        assert not heard.status, heard.err
-        assert heard.out == expected
-    else:
+@pytest.mark.parametrize("how", ENCODED)
+def test_encodings(small: Path, how: str) -> None:
+    call = ("identify", str(small / "cell.toml"), str(small / "data.csv"))
+    expected = posecal(*call).out
+    (small / "data.csv").write_bytes(ENCODED[how]((small / "data.csv").read_text()))
+    heard = posecal(*call)
+    if how in ("UTF-16", "Latin-1"):
         assert heard.status == 2
         assert heard.err.endswith("data.csv: is not text in UTF-8; export it as CSV\n")
+    else:
+        assert not heard.status, heard.err
+        assert heard.out == expected
 
 
 CONTROL = re.compile(rb"\x1b\[[0-9;?]*[a-zA-Z]|\r")
@@ -147,15 +136,13 @@ def test_a_full_standard_output(tmp_path: Path) -> None:
 
 
 def test_a_terminal_sees_what_is_being_done_and_a_pipe_of_few_characters_nothing(
-    tmp_path: Path,
+    small: Path,
 ) -> None:
-    put_small_cell(tmp_path)
-    cell = (tmp_path / "cell.toml").read_text().replace('"small"', '"M\u00fcller"')
-    (tmp_path / "cell.toml").write_text(cell, encoding="utf-8")
+    edited(small / "cell.toml", ('"small"', '"M\u00fcller"'))
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
     ours, theirs = pty.openpty()
     with os.fdopen(ours, "rb", buffering=0) as terminal:
-        out, _, status = ended(tmp_path, *IDENTIFY, stderr=theirs, env=environment)
+        out, _, status = ended(small, *IDENTIFY, stderr=theirs, env=environment)
         os.close(theirs)
         seen = CONTROL.sub(b"", drained(terminal.fileno())).decode()
     assert status == 0, seen
@@ -164,7 +151,7 @@ def test_a_terminal_sees_what_is_being_done_and_a_pipe_of_few_characters_nothing
         assert part not in out
     assert "0:00:0" in seen  # how long it takes by now
     assert out.startswith("M\u00fcller: The error at")
-    ascii_out, err, _ = ended(tmp_path, *IDENTIFY, env=environment | {"PYTHONIOENCODING": "ascii"})
+    ascii_out, err, _ = ended(small, *IDENTIFY, env=environment | {"PYTHONIOENCODING": "ascii"})
     assert all(line.startswith("warning: data.csv: ") for line in err.splitlines())
     assert ascii_out.startswith("M\\xfcller: The error at")
     assert "\x1b" not in out
@@ -179,37 +166,25 @@ def drained(terminal: int) -> bytes:
     return said
 
 
-class _Terminal:
+class _Terminal(io.StringIO):
     """Standard error that says it is one."""
-
-    def __init__(self) -> None:
-        self.said = ""
-
-    def write(self, text: str) -> int:
-        self.said += text
-        return len(text)
-
-    def flush(self) -> None:
-        pass
 
     def isatty(self) -> bool:
         return True
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"), [(2.0, None), (42.0, "about 42 s"), (300.0, "about 5 min")]
+    ("seconds", "said"), [(2.0, ""), (42.0, "about 42 s"), (300.0, "about 5 min")]
 )
-def test_long_work_is_forecast(
-    seconds: float, said: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_work_is_forecast(seconds: float, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = _Terminal()
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys, "stderr", terminal)
     with working("identifying", seconds) as done:
         done(1)
-    assert "identifying" in terminal.said
-    assert ("about" in terminal.said) == (said is not None)
-    assert said is None or said in terminal.said
+    assert "identifying" in terminal.getvalue()
+    assert ("about" in terminal.getvalue()) == bool(said)
+    assert said in terminal.getvalue()
 
 
 def test_durations_have_one_figure() -> None:

@@ -22,14 +22,8 @@ from doe.optimal.blocks import pack, unpack
 from tests.doe.problems import criteria, random_information, unpolished
 
 P = 5
-
-
 NAMES = list(criteria(np.random.default_rng(0), P))
-
-
 SMOOTH = ["D", "Ds", "A", "c", "task", "E", "E of two"]
-
-
 seeds = st.integers(0, 10_000)
 
 

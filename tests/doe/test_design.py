@@ -33,14 +33,8 @@ from tests.doe.problems import unpolished
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
 
 ELASTIC = ("stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6")
-
-
 LEVELS = "A2=-140,-99.85,-56.9,-25.24,-0.01x3"
-
-
 REFERENCE = json.loads((Path(__file__).parent.parent / "reference" / "design.json").read_text())
-
-
 QUICK: dict[str, Any] = {"candidates": 1200}
 
 
@@ -415,14 +409,8 @@ def as_it_is(cell: Cell) -> Cell:
 
 
 EVERYWHERE = {"type": "sphere", "center_mm": (0, 0, 0), "radius_mm": 9000}
-
-
 LOW = {"type": "halfspace", "point_mm": (0, 0, 900), "normal": (0, 0, -1)}
-
-
 AT_LEVELS, FIFTEEN = {"levels": LEVELS}, {"poses": 15}
-
-
 REFUSED: dict[str, tuple[Callable[[Cell], Cell], dict[str, Any], str]] = {
     "no number": (as_it_is, {}, "how many poses"),
     "too few poses": (as_it_is, {"poses": 2}, "poses leave"),

@@ -128,8 +128,6 @@ def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: C
 
 
 HIP = "joint_compliance:hip.compliance"
-
-
 MARKERS = (
     '[markers_mm]\nright = [30, 40, -50]\nleft = { position = [40, -30, -60], on = "left_hand" }\n'
     "[instrument]\nsigma_mm = 0.02\n"

@@ -49,8 +49,6 @@ from tests.helpers import MADE_FROM, cell_of, designed, first_markers, random_ro
 from tests.studies.command_line import paper_cell, run
 
 ARM = Repeatability(3e-5, 5e-5)
-
-
 QUICK: dict[str, Any] = {"candidates": 300, "criterion": "D"}
 
 
@@ -183,8 +181,6 @@ def test_no_plan_is_above_the_bound(criterion: str, scatters: bool) -> None:
 
 
 FEW: dict[str, Any] = QUICK | {"candidates": 250}
-
-
 SCATTER = Repeatability(4e-5, 2e-4)
 
 

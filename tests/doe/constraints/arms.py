@@ -131,8 +131,6 @@ def planar(dof: int = 3, **given: Any) -> Cell:
 
 
 LINK = Capsule((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.1)
-
-
 LINKS = {"j1": (LINK,), "j2": (LINK,), "j3": (LINK,)}
 
 

@@ -52,8 +52,6 @@ def segments(seed: int, count: int = 500) -> tuple[Array, Array]:
 
 
 A, B = segments(1)
-
-
 C, D = segments(2)
 
 
@@ -198,16 +196,10 @@ BALLS = {
     "torso": ("0 0 0.1", 0.15),
     "chest": ("0 0 0.15", 0.12),
 }
-
-
 OF_CAPSULES = {
     "hip": "torso", "bend #1": "chest", "bend #2": "head", "right6": "right_hand", "left6": "left_hand",
 }  # fmt: skip
-
-
 """What capsules are called after the joint that moves them, where that is not the link's own name."""
-
-
 NEIGHBOURS = {
     frozenset(pair)
     for pair in (
@@ -215,11 +207,7 @@ NEIGHBOURS = {
         ("head", "right1_link"), ("right1_link", "right2_link"), ("right2_link", "right3_link"),
     )
 }  # fmt: skip
-
-
 """One carries the other, with no joint or one between them: neck and head do not move here."""
-
-
 TIPS = '[markers_mm]\nright = [0, 0, -50]\nleft = { position = [0, 0, -50], on = "left_hand" }\n'
 
 

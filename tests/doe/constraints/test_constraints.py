@@ -136,23 +136,11 @@ def test_what_is_not_asked_is_not_computed() -> None:
 
 
 FLOOR = {"type": "halfspace", "point_mm": (0, 0, -50), "normal": (0, 0, -1)}
-
-
 ON_FLOOR = designed(planar(shapes=Shapes({"base": (LINK,)})), obstacle=[FLOOR])
-
-
 HANGING = planar(load=Load(5.0, (0, 0, 0)), gravity=np.array([0.0, -9.0, 0.0]))
-
-
 LIMITED = replace(HANGING, load=Load(5.0, (0, 0, 0), 0.1))
-
-
 HEAVY = {"masses": np.full(3, 5.0)}
-
-
 EFFORTS = {"efforts": np.full(3, 10.0)}
-
-
 NAMES: dict[str, tuple[Cell, tuple[str, ...]]] = {
     "nothing": (planar(), ()),
     "every kind": (
@@ -195,11 +183,7 @@ def test_joint_limits_and_the_floor() -> None:
 
 
 BOX = {"type": "box", "center_mm": (0, 2500, 0), "size_mm": (2000, 200, 200), "rpy_deg": (0, 0, 90)}
-
-
 BALL = {"type": "sphere", "center_mm": (0, 2500, 0), "radius_mm": 1000}
-
-
 WALL = {"type": "halfspace", "point_mm": (7, 1500, 7), "normal": (0, 3, 0)}
 
 

@@ -27,31 +27,15 @@ from tests.helpers import all_seen, cell_of
 from tests.touched_arm import OFF, TRUE, arm, points_of
 
 ONE = np.array([[0.10, 0.02, -0.05]])
-
-
 SIGMA = 2e-5
-
-
 LIMITS = np.tile([-2.0, 2.0], (4, 1))
-
-
 MIDDLE = np.array([0.3, -0.2, 0.4])
-
-
 NORMAL = np.array([0.2, -0.3, 0.9])
-
-
 SITES = points_of(
     arm(), np.array([[0.4, -0.5, 0.6, 0.2], [-0.6, 0.7, -0.3, 0.5]]), np.zeros(3), ONE
 )[:, 0]
-
-
 APART = float(np.sqrt(((SITES[0] - SITES[1]) ** 2).sum()))
-
-
 SOCKETS = Socket(name="a", sites=("a", "b"), sigma=SIGMA, standing=SITES)
-
-
 PLANE = Plane(name="table", sigma=SIGMA, standing=place_of(MIDDLE, NORMAL)[None])
 
 

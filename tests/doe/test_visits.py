@@ -24,7 +24,7 @@ from calib.errors import CalibError
 from calib.files.cell import load_cell
 from calib.model import Model
 from calib.model.build import build
-from calib.poses import poses_at
+from calib.poses import Poses, poses_at
 from calib.poses.moves import visits
 from calib.simulation import drawn_readings
 from doe.constraints import broken_at
@@ -37,14 +37,14 @@ from doe.order import (
     shortest_order,
     with_reapproaches,
 )
-from doe.problem import problem_of
+from doe.plan import named
+from doe.problem import Problem, problem_of
 from doe.request import Request
 from studies.compare.experiment import POINTS, experiment_of, predict
 from studies.results.compare import compared
-from studies.results.design import DesignResult
 from tests.doe.constraints.arms import LINK, planar
 from tests.doe.problems import unpolished, visiting_again
-from tests.helpers import MADE_FROM, cell_of, designed, first_markers, random_robot, with_effects
+from tests.helpers import cell_of, designed, first_markers, random_robot, with_effects
 from tests.studies.command_line import paper_cell, run
 
 EXACT, ARM = Repeatability(0.0, 0.0), Repeatability(3e-5, 5e-5)
@@ -143,15 +143,17 @@ def cell(kr270: Cell) -> Cell:
     return replace(with_effects(kr270, "base", "joint_offset"), load=None, design=Planned())
 
 
-@pytest.fixture(scope="module")
-def plain(cell: Cell) -> doe.Design:
-    return unpolished(cell, poses=9, **QUICK)
+def nine(cell: Cell) -> tuple[Problem, Poses]:
+    """Nine poses anywhere, which are all the candidates there are."""
+    poses = named(np.random.default_rng(0).uniform(*cell.robot.sample_limits().T, (9, 6)))
+    return problem_of(cell, Request(9, "D", candidates=poses)), poses
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
-def test_second_visits_are_over_the_day_and_never_at_once(plain: doe.Design, count: int) -> None:
-    poses, found = with_reapproaches(plain.problem, plain.poses, count)
-    assert sorted(poses.names) == sorted((*plain.poses.names, *found.again))
+def test_second_visits_are_over_the_day_and_never_at_once(cell: Cell, count: int) -> None:
+    problem, given = nine(cell)
+    poses, found = with_reapproaches(problem, given, count)
+    assert sorted(poses.names) == sorted((*given.names, *found.again))
     assert found.again == tuple(f"{name}_again" for name in found.poses)
     assert list(found.poses) == sorted(set(found.poses))
     for name, again in zip(found.poses, found.again, strict=True):
@@ -159,6 +161,22 @@ def test_second_visits_are_over_the_day_and_never_at_once(plain: doe.Design, cou
         np.testing.assert_array_equal(poses.q[first], poses.q[second])
         assert second > first + 1
     assert len(np.unique(visits(poses))) == 9 + count
+
+
+@pytest.mark.parametrize("count", [9, -1])
+def test_too_many_are_refused(cell: Cell, count: int) -> None:
+    said = f"{count} poses cannot be visited again: 8 of 9 can"
+    with pytest.raises(CalibError, match=said):
+        with_reapproaches(*nine(cell), count)
+
+
+@pytest.mark.parametrize(("markers", "coordinates"), [(1, 3), (2, 5), (3, 6)])
+def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
+    cell: Cell, markers: int, coordinates: int
+) -> None:
+    _, found = with_reapproaches(*nine(first_markers(cell, markers)), 4)
+    assert found.dof == 4 * coordinates
+    assert found.error == pytest.approx(1.0 / np.sqrt(4 * coordinates))
 
 
 def test_second_visits_lie_in_every_part_of_the_day_and_come_from_the_other_side(
@@ -193,32 +211,21 @@ def test_second_visits_lie_in_every_part_of_the_day_and_come_from_the_other_side
     assert longer < 1.1
 
 
-def test_they_are_spread(plain: doe.Design) -> None:
+def test_they_are_spread(cell: Cell) -> None:
     """No two of four lie nearer than those of most fours that chance would take."""
-    _, found = with_reapproaches(plain.problem, plain.poses, 4)
-    low, high = plain.problem.cell.robot.sample_limits().T
-    at = plain.poses.q / (high - low)
+    problem, poses = nine(cell)
+    _, found = with_reapproaches(problem, poses, 4)
+    low, high = cell.robot.sample_limits().T
+    at = poses.q / (high - low)
 
     def nearest(chosen: np.ndarray) -> float:
         apart = np.abs(at[chosen][:, None] - at[chosen]).max(axis=-1)
         return float(apart[np.triu_indices(len(chosen), 1)].min())
 
-    own = nearest(np.array([plain.poses.names.index(name) for name in found.poses]))
+    own = nearest(np.array([poses.names.index(name) for name in found.poses]))
     rng = np.random.default_rng(0)
     chance = [nearest(rng.choice(8, 4, replace=False)) for _ in range(200)]
     assert own > np.quantile(chance, 0.8)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("markers", "coordinates"), [(1, 3), (2, 5), (3, 6)])
-def test_degrees_of_freedom_where_nothing_is_known_of_the_arm(
-    cell: Cell, markers: int, coordinates: int
-) -> None:
-    few = first_markers(cell, markers)
-    found = unpolished(visiting_again(few, 4), poses=9, **QUICK).reapproaches
-    assert found is not None
-    assert found.dof == pytest.approx(4 * coordinates)
-    assert found.error == pytest.approx(1.0 / np.sqrt(4 * coordinates))
 
 
 @pytest.mark.long
@@ -262,14 +269,6 @@ def test_the_command_and_the_cell_ask_for_them(tmp_path: Path) -> None:
     assert len(fields["poses"]) == 18
     plan = calib.load_plan(load_cell(path), tmp_path / "best.csv")
     assert set(fields["reapproaches"]["again"]) < set(plan.names)
-
-
-def test_too_many_are_refused(cell: Cell, plain: doe.Design) -> None:
-    with pytest.raises(CalibError, match="9 poses cannot be visited again: 8 of 9 can"):
-        with_reapproaches(plain.problem, plain.poses, 9)
-    with pytest.raises(CalibError, match="-1 poses cannot be visited again"):
-        unpolished(visiting_again(cell, -1), poses=7, **QUICK)
-    assert DesignResult.of(plain, plain.problem.cell, MADE_FROM).reapproaches is None
 
 
 # -- Orders against every permutation; times of a day by hand; poses that meet an obstacle

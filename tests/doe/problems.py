@@ -43,10 +43,14 @@ def grouped(
     )
 
 
-def criteria(rng: np.random.Generator, p: int) -> dict[str, Criterion]:
-    """One of each kind, with nothing special about it."""
-    V = rng.normal(size=(p, p)) + 2.0 * np.eye(p)
-    F = rng.normal(size=(4, 2, p))
+def criteria(rng: np.random.Generator, p: int, change: Array | None = None) -> dict[str, Criterion]:
+    """One of each kind, with nothing special about it.
+
+    change : matrix (p, p) by which coordinates are those of others, y = change y'
+    """
+    change = np.eye(p) if change is None else change
+    V = (rng.normal(size=(p, p)) + 2.0 * np.eye(p)) @ change
+    F = rng.normal(size=(4, 2, p)) @ change
     return {
         "D": Determinant(V),
         "Ds": Subset(V[:2]),

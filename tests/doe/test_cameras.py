@@ -26,17 +26,9 @@ from tests.trees import in_mujoco
 from tests.two_arms import EYE, PLATE, in_view, urdf, written
 
 SIZE, FOCAL = (960, 720), 1000.0  # px
-
-
 CENTER = ((SIZE[0] - 1) / 2.0, (SIZE[1] - 1) / 2.0)
-
-
 SQUARES = "squares = [9, 6]\npitch_mm = 30"
-
-
 BOARD = f'[boards.b]\non = "{{on}}"\n{SQUARES}\nposition_mm = {{at}}\nrpy_deg = {{rpy}}\n'
-
-
 CAMERA = f"""[instruments.cam]
 kind = "camera"
 focal_px = {FOCAL}
@@ -47,17 +39,11 @@ on = "{{on}}"
 position_mm = {{at}}
 rpy_deg = {{rpy}}
 """
-
-
 EFFECTS = ("base", "tool", "geometry")
-
-
 IN_HAND = (
     BOARD.format(on="world", at=[1500, -100, 300], rpy=[180, 0, 0]),
     CAMERA.format(on="tip", at=[60, 0, 80], rpy=[0, 0, 90]),
 )
-
-
 IN_WORLD = (
     BOARD.format(on="tip", at=[100, -130, -90], rpy=[0, 180, 0]),
     CAMERA.format(on="world", at=[3200, 0, 1800], rpy=[-90, 0, 90]),
@@ -145,11 +131,7 @@ def test_the_cell_of_the_page_sees_its_board(tmp_path: Path) -> None:
 
 
 T_HEAD_EYE = from_xyz_rpy(np.array([0.05, 0.0, 0.06]), np.radians([-110.0, 0.0, -90.0]))
-
-
 T_HAND_PLATE = from_xyz_rpy(np.array([-0.04, -0.03, -0.02]), np.zeros(3))
-
-
 CAPSULE = "[[robot.capsules_mm.{}]]\nfrom = {}\nto = {}\nradius = {}\n"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -60,29 +60,59 @@ def expected(cell: Cell, found: Identification) -> float:
     return rms
 
 
-def test_now_is_what_identify_says(cell: Cell, half: Measurements, answer: Enough) -> None:
-    found = identify(cell, half)
-    assert answer.steps[0].task_rms == pytest.approx(expected(cell, found), rel=1e-9)
-    np.testing.assert_allclose(answer.steps[0].std, found.std, rtol=1e-6)
-    assert answer.sigma == pytest.approx(found.noise.sigma)
-
-
-def test_now_is_what_identify_says_of_an_arm_that_may_scatter(
-    kr270: Cell, half: Measurements
+@pytest.mark.parametrize("case", ["as stated", "may scatter", "louder than stated", "an outlier"])
+def test_now_is_what_identify_says(
+    kr270: Cell, cell: Cell, full: Measurements, table_two: Poses, case: str
 ) -> None:
-    own = cell_of_day(kr270)
-    found = identify(own, half)
-    assert found.undetected is not None
-    np.testing.assert_allclose(enough(own, half).steps[0].std, found.std, rtol=1e-6)
+    own, data = cell, of_poses(full, SO_FAR, 15)
+    if case == "may scatter":
+        own = cell_of_day(kr270)
+    if case == "louder than stated":
+        data = of_poses(whole_day(cell, table_two, louder=3.0), SO_FAR, 15)
+    if case == "an outlier":
+        points = full.points.copy()
+        points[3] += [2e-3, -1e-3, 1e-3]
+        data = replace(full, readings=points)
+    answer = enough(own, data)
+    found = answer.found
+    assert found is not None
+    assert (found.undetected is not None) is (case == "may scatter")
+    assert (found.noise.source == "residual") is (case == "louder than stated")
+    assert np.flatnonzero(found.fit.outlier).tolist() == [3] * (case == "an outlier")
+    (now,), (row,) = answer.steps, answer.rows()
+    np.testing.assert_allclose(now.std, found.std, rtol=1e-6)
+    assert answer.sigma == pytest.approx(found.noise.sigma)
+    assert (row["task_rms_mm"], row["task_worst_mm"]) == (1e3 * now.task_rms, 1e3 * now.task_worst)
+    if case != "may scatter":
+        assert now.task_rms == pytest.approx(expected(own, found), rel=1e-9)
 
 
-def test_the_end_is_what_identify_will_say(cell: Cell, full: Measurements, answer: Enough) -> None:
-    found = identify(cell, full)
+@pytest.mark.parametrize(
+    "noise", [None, pytest.param(Noise(5e-6, 5e-6, 0.0, 2e-5), marks=pytest.mark.long)]
+)
+def test_the_end_is_what_identify_will_say_and_every_pose_helps(
+    cell: Cell, table_two: Poses, noise: Noise | None
+) -> None:
+    """Where noise grows with range, too."""
+    own = cell if noise is None else replace(cell, instruments=read_by(noise))
+    full = whole_day(own, table_two)
+    found, answer = identify(own, full), enough(own, of_poses(full, SO_FAR, 15), table_two)
     assert found.noise.source == "cell"
     assert not found.fit.outlier.any()
     np.testing.assert_allclose(answer.steps[-1].std, found.std, rtol=0.02)
-    assert answer.steps[-1].task_rms == pytest.approx(expected(cell, found), rel=0.02)
+    assert answer.steps[-1].task_rms == pytest.approx(expected(own, found), rel=0.02)
     assert answer.steps[-1].readings == len(full)
+    assert all(after.task_rms < before.task_rms for before, after in pairwise(answer.steps))
+    assert not any(step.open for step in answer.steps)
+
+
+def test_a_model_of_time_goes_on_at_the_pace_of_the_data(cell: Cell, table_two: Poses) -> None:
+    own = with_effects(cell, *PLAN_RIGID, "base_drift", "backlash:A3")
+    own = replace(own, load=None, size_prior="off")
+    full = whole_day(own, table_two)
+    answer = enough(own, full.take(slice(0, 11)), table_two, goal=1e-9)
+    assert not answer.fresh
+    np.testing.assert_allclose(answer.steps[-1].std, identify(own, full).std, rtol=0.02)
 
 
 @pytest.mark.long
@@ -102,20 +132,14 @@ def test_the_next_pose_is_the_best_of_all(
     assert {step.pose for step in answer.steps[1:]} == set(tried)
 
 
-def test_every_further_pose_helps(answer: Enough) -> None:
-    rms = [step.task_rms for step in answer.steps]
-    assert all(after < before for before, after in pairwise(rms))
-    assert not any(step.open for step in answer.steps)
-
-
 @pytest.mark.long
 def test_the_goal_is_met_where_the_figures_say(
     cell: Cell, half: Measurements, table_two: Poses, answer: Enough
 ) -> None:
     most = [step.task_most for step in answer.steps]
     assert all(step.task_most > step.task_rms for step in answer.steps)
-    assert enough(cell, half, table_two, goal=1.01 * most[0]).needed == 0
-    assert enough(cell, half, table_two, goal=1.0001 * most[3]).needed == 3
+    assert replace(answer, goal=1.01 * most[0]).needed == 0
+    assert replace(answer, goal=1.0001 * most[3]).needed == 3
     beyond = enough(cell, half, table_two, goal=0.95 * most[-1])
     assert beyond.needed is None
     assert beyond.fresh_needed == len(beyond.fresh) >= 1
@@ -126,34 +150,6 @@ def test_the_goal_is_met_where_the_figures_say(
     never = enough(cell, half, table_two, goal=1e-9)
     assert never.fresh_needed is None
     assert len(never.fresh) == 30
-
-
-def test_the_noise_is_that_of_the_data(cell: Cell, table_two: Poses, answer: Enough) -> None:
-    loud = enough(cell, of_poses(whole_day(cell, table_two, louder=3.0), SO_FAR, 15), table_two)
-    assert loud.found is not None
-    assert loud.found.noise.source == "residual"
-    ratio = loud.sigma / answer.sigma
-    assert ratio == pytest.approx(3.0, rel=0.25)
-    assert loud.steps[-1].task_rms == pytest.approx(ratio * answer.steps[-1].task_rms, rel=0.02)
-
-
-@pytest.mark.long
-def test_noise_that_grows_with_range_is_foreseen(cell: Cell, table_two: Poses) -> None:
-    far = replace(cell, instruments=read_by(Noise(5e-6, 5e-6, 0.0, 2e-5)))
-    full = whole_day(far, table_two)
-    found = identify(far, full)
-    assert found.noise.source == "cell"
-    answer = enough(far, of_poses(full, SO_FAR, 15), table_two)
-    np.testing.assert_allclose(answer.steps[-1].std, found.std, rtol=0.02)
-
-
-def test_an_outlier_counts_nothing(cell: Cell, full: Measurements, table_two: Poses) -> None:
-    points = full.points.copy()
-    points[3] += [2e-3, -1e-3, 1e-3]
-    answer = enough(cell, replace(full, readings=points), table_two)
-    assert answer.found is not None
-    assert list(np.flatnonzero(answer.found.fit.outlier)) == [3]
-    np.testing.assert_allclose(answer.steps[0].std, answer.found.std, rtol=1e-6)
 
 
 def test_what_is_open_now_is_said_to_close(
@@ -172,54 +168,33 @@ def test_what_is_open_now_is_said_to_close(
     assert few.steps[0].open
 
 
-def test_without_a_plan_only_now_is_known(cell: Cell, half: Measurements, answer: Enough) -> None:
-    alone = enough(cell, half, goal=1e-4)
-    assert len(alone.steps) == 1
-    assert alone.steps[0].task_rms == pytest.approx(answer.steps[0].task_rms, rel=1e-9)
-
-
-def test_a_model_of_time_goes_on_at_the_pace_of_the_data(kr270: Cell, table_two: Poses) -> None:
-    cell = replace(
-        with_effects(cell_of_day(kr270), *PLAN_RIGID, "base_drift", "backlash:A3"), load=None
-    )
-    cell = replace(cell, size_prior="off", repeatability=Repeatability(0.0, 0.0))
-    full = whole_day(cell, table_two)
-    found = identify(cell, full)
-    answer = enough(cell, full.take(slice(0, 11)), table_two, goal=1e-9)
-    assert not answer.fresh
-    np.testing.assert_allclose(answer.steps[-1].std, found.std, rtol=0.02)
-
-
 def renamed(poses: Poses) -> Poses:
     return replace(poses, names=tuple(f"x{i}" for i in range(len(poses))))
 
 
-def test_poses_are_known_by_their_joints(cell: Cell, full: Measurements, table_two: Poses) -> None:
-    data = renamed(of_poses(full, [3, 0, 7], 15).poses)
-    shaken = np.random.default_rng(0).uniform(-1.0, 1.0, data.q.shape) * np.radians(1e-3)
-    for poses in (data, replace(data, q=data.q + shaken)):
-        done = match(cell, table_two, poses)
-        assert (done.poses, done.warnings) == (3, ())
-        assert set(range(30)) - set(done.left) == {0, 3, 7, 15, 18, 22}
-
-
-def test_half_of_a_pose_is_half_done(cell: Cell, full: Measurements, table_two: Poses) -> None:
-    """All free readings come before the first loaded one."""
-    done = match(cell, table_two, full.poses.take(slice(0, 17)))
-    assert done.poses == 2
-    np.testing.assert_array_equal(done.left, np.arange(17, 30))
-
-
-def test_names_count_where_the_joints_are_near(
-    cell: Cell, full: Measurements, table_two: Poses
-) -> None:
-    poses = full.poses.take([4, 19])
-    near = match(cell, table_two, replace(poses, q=poses.q + np.radians(2.0)))
-    assert near.poses == 1
-    assert "beside the plan's joints" in near.warnings[0]
-    far = match(cell, table_two, replace(poses, q=poses.q + np.radians(20.0)))
-    assert (far.poses, len(far.left)) == (0, 30)
-    assert "is it the right plan" in far.warnings[0]
+@pytest.mark.parametrize(
+    ("index", "off", "named", "done", "said"),
+    [
+        ([3, 0, 7, 18, 15, 22], 0.0, False, 3, ""),
+        ([3, 0, 7, 18, 15, 22], 9e-4, False, 3, ""),
+        # All free readings come before the first loaded one.
+        (range(17), 0.0, True, 2, ""),
+        ([4, 19], 2.0, True, 1, "beside the plan's joints"),
+        ([4, 19], 20.0, True, 0, "is it the right plan"),
+    ],
+)
+def test_poses_are_known_by_their_joints_and_by_names_where_these_are_near(
+    cell: Cell, full: Measurements, table_two: Poses,
+    index: Sequence[int], off: float, named: bool, done: int, said: str,
+) -> None:  # fmt: skip
+    day = full.poses.take(np.array(index))
+    day = replace(day if named else renamed(day), q=day.q + np.radians(off))
+    found = match(cell, table_two, day)
+    assert found.poses == done
+    assert set(found.left) == set(range(30)) - set(index if done else ())
+    assert said in "".join(found.warnings[:1])
+    assert bool(said) is bool(found.warnings)
+    assert len(match(cell, table_two.take([]), day).left) == 0
 
 
 def test_a_reference_is_to_come_as_often_as_it_is_missing(cell: Cell, table_two: Poses) -> None:
@@ -249,10 +224,6 @@ def test_what_is_left_is_known_by_its_pose_in_whatever_turn_it_is_read(
         # All free ones are read, and two loaded ones.
         assert sorted(pose[17:]) == list(range(2, 15))
         assert (day.poses.wrench[17:, 2] < -100.0).all()
-
-
-def test_no_plan_leaves_nothing(cell: Cell, full: Measurements) -> None:
-    assert len(match(cell, full.poses.take([]), full.poses).left) == 0
 
 
 def warming(rng: np.random.Generator) -> Callable[[Array], Array]:

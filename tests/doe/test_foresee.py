@@ -70,7 +70,7 @@ def test_a_diagnosis_finds_what_is_larger_and_no_less(
 
 
 def test_the_reading_before_the_first_move_counts_no_more_than_in_a_diagnosis() -> None:
-    """The stated size has the stated noncentrality by plain least squares on what is left."""
+    """Stated sizes have the stated noncentrality by plain least squares on what is left."""
     rng = np.random.default_rng(0)
     robot = random_robot(rng, 4)
     cell = cell_of(robot, rng.uniform(-0.2, 0.2, (2, 3)), ("base", "tool"))
@@ -81,13 +81,14 @@ def test_the_reading_before_the_first_move_counts_no_more_than_in_a_diagnosis() 
     given = foresee(cell, replace(poses, approach_derived=False))
     assert not given.waiting.any()
     for seen, first in ((derived, 1), (given, 0)):
-        cause = next(s for s in seen.seen if s.key == "backlash:j2")
-        columns = [calib.observation(with_effects(cell, *more), poses)[first:]
-                   for more in (("base", "tool"), ("base", "tool", cause.key))]  # fmt: skip
-        N, X = (rows.reshape(-1, rows.shape[-1]) / cell.noise.across for rows in columns)
-        signal = X[:, -1] * cause.smallest[0]
-        left = signal - N @ np.linalg.lstsq(N, signal, rcond=None)[0]
-        assert left @ left == pytest.approx(cause.needed, rel=1e-6)
+        for cause in (s for s in seen.seen if s.key in ("backlash:j2", "joint_offset:j3")):
+            columns = calib.observation(with_effects(cell, "base", "tool", cause.key), poses)[
+                first:
+            ]
+            rows = columns.reshape(-1, columns.shape[-1]) / cell.noise.across
+            N, signal = rows[:, :-1], rows[:, -1] * cause.smallest[0]
+            left = signal - N @ np.linalg.lstsq(N, signal, rcond=None)[0]
+            assert left @ left == pytest.approx(cause.needed, rel=1e-6)
     assert derived.seen[0].smallest[0] > 1.02 * given.seen[0].smallest[0]
 
 
@@ -98,43 +99,6 @@ def test_facts_that_hold_for_any_robot(found: PowerAnalysis) -> None:
     confounded = [keys(found, group) for group in found.confounded]
     drifts = {"base_drift:base", "tracker_drift:instrument"}
     assert drifts in confounded
-
-
-@pytest.mark.long
-def test_tilt_of_base_and_first_bearing(cell: Cell) -> None:
-    """Alike where the first joint stands at the base's origin, to be told where it stands above."""
-    robot = cell.robot
-    origins = robot.origins.copy()
-    origins[0, :3, 3] = 0.0
-    low = replace(cell, robot=replace(robot, origins=origins))
-    pair = {"base_compliance:base", "bearing_compliance:A1"}
-    plan = session(low, 20)
-    assert pair in [keys(f, g) for f in [foresee(low, plan)] for g in f.confounded]
-    raised = foresee(cell, plan)
-    assert pair not in [keys(raised, group) for group in raised.confounded]
-
-
-@pytest.mark.long
-def test_a_hidden_scale_is_seen_where_lengths_are_known(cell: Cell) -> None:
-    known = with_effects(cell, "base")
-    scale = next(s for s in foresee(known, session(cell, 12)).seen if s.key.startswith("tracker_s"))
-    # Of what moves with the distance only the shift of the mean is a movement of the base.
-    # The two readings before the first move do not count.
-    points = build(known).model.predict(np.zeros(6), session(cell, 12))[2:].reshape(-1, 3)
-    spread = np.sqrt(((points - points.mean(axis=0)) ** 2).sum())
-    expected = np.sqrt(scale.needed) * cell.noise.across / spread
-    assert scale.smallest[0] == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.long
-def test_twice_the_readings_halve_the_needed_square(cell: Cell) -> None:
-    plan = session(cell, 20)
-    once = foresee(cell, plan)
-    twice = foresee(cell, replace(plan.take(np.tile(np.arange(40), 2)), names=("",) * 80))
-    for one in once.seen:
-        two = next(s for s in twice.seen if s.key == one.key)
-        gain = np.sqrt(2.0 * one.needed / two.needed)
-        np.testing.assert_allclose(two.smallest * gain, one.smallest, rtol=1e-5)
 
 
 @pytest.mark.long

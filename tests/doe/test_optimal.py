@@ -7,11 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.arrays import Array
-from doe.criteria import Criterion
-from doe.criteria.determinant import Determinant, Subset
-from doe.criteria.smallest import SmallestEigenvalue, WorstRegion
-from doe.criteria.trace import Average, Combination, Task
+from doe.criteria.trace import Task
 from doe.optimal.allowed import Allowed
 from doe.optimal.blocks import Blocks, pack
 from doe.optimal.function import Selection
@@ -33,10 +29,10 @@ RULES = {
 }
 SMALL = {
     "one group": grouped(9, 1, 4),
-    "levels": grouped(9, 3, 2),
+    "levels": grouped(12, 3, 2),
     "repeats": grouped(6, 2, 3, repeats=True),
-    "levels to choose": grouped(10, 5, 2, used=2),
-    "apart": grouped(12, 6, 1, used=3, separation=2.0),
+    "levels to choose": grouped(15, 5, 2, used=2),
+    "apart": grouped(16, 8, 1, used=4, separation=2.0),
     "apart, repeats": grouped(12, 6, 2, used=2, separation=3.0, repeats=True),
 }
 
@@ -121,34 +117,27 @@ def test_both_masters_agree(name: str, rules: str) -> None:
     assert newton == pytest.approx(cone, rel=1e-5)
 
 
-def criterion_of(rng: np.random.Generator, name: str, blocks: Blocks) -> Criterion:
-    """The criterion; a task at one target asks for fewer directions than there are."""
-    p = len(blocks.fixed)
-    if name == "task, one target":
-        return Task.of_rows(rng.normal(size=(min(2, p), p)))
-    if name == "task, itself a target":
-        return Task.of_rows(blocks.rows[int(rng.integers(len(blocks)))])
-    if name == "task":
-        return Task.of_rows(rng.normal(size=(8, p)))
-    return criteria(rng, p)[name] if p > 2 or name != "rivals" else criteria(rng, p)["E"]
-
-
-def small(rng: np.random.Generator, name: str) -> Selection:
-    """Plans of 3 to 5 of 8 to 12 candidates, with levels, with repeats, or neither."""
-    n, p, size = (int(rng.integers(*ends, endpoint=True)) for ends in ((8, 12), (2, 5), (3, 5)))
-    rows = int(rng.integers(max(1, -(-p // size)), 4))
-    blocks = random_blocks(rng, n, p, rows)
-    levels = 2 if size == 4 and n >= 8 and rng.uniform() < 0.3 else 1
-    allowed = grouped(n, levels, size // levels, repeats=bool(rng.uniform() < 0.4))
-    return Selection(criterion_of(rng, name, blocks), blocks, allowed)
+def small(rng: np.random.Generator, name: str, allowed: Allowed) -> Selection:
+    """A problem of which every plan can be judged; a task at one target asks for few directions."""
+    p = int(rng.integers(3, 5, endpoint=True))
+    rows = int(rng.integers(-(-p // allowed.size), 3, endpoint=True))
+    blocks = random_blocks(rng, len(allowed.group), p, rows)
+    tasks = {"task, one target": rng.normal(size=(2, p)), "task, itself a target": blocks.rows[0]}
+    criterion = Task.of_rows(tasks[name]) if name in tasks else criteria(rng, p)[name]
+    return Selection(criterion, blocks, allowed)
 
 
 @pytest.mark.parametrize("name", SMOOTH + KINKED)
-@pytest.mark.parametrize("first", [0, pytest.param(1000, marks=pytest.mark.long)])
-def test_no_bound_is_broken(name: str, first: int) -> None:
-    """By the best plan of all or ours, of a few problems; of eighty where there is time."""
-    for seed in range(8 if first else 4 if name in SMOOTH else 2):
-        problem = small(np.random.default_rng([first + seed, len(name)]), name)
+@pytest.mark.parametrize("first", [0, pytest.param(100, marks=pytest.mark.long)])
+def test_no_bound_is_broken_and_the_best_plan_found(name: str, first: int) -> None:
+    """Against the best of all plans, one rule after the other.
+
+    The search is sure to find it where a plan has thrice as many readings as there are parameters.
+    """
+    turn = (SMOOTH + KINKED).index(name)
+    for seed in range(first, first + (12 if first else 3)):
+        rules = list(SMALL)[(turn + seed) % len(SMALL)]
+        problem = small(np.random.default_rng([seed, turn]), name, SMALL[rules])
         relaxed = relax(problem)
         plan = best_plan(problem, relaxed, seed=0).plan
         plain = problem.criterion.plain
@@ -158,31 +147,10 @@ def test_no_bound_is_broken(name: str, first: int) -> None:
         ours = float(plain.value(problem.blocks.total(plan)))
         assert problem.allowed.admits(plan)
         assert ours <= optimum * (1.0 + ROUNDING)
-        assert max(optimum, ours) <= relaxed.bound * (1.0 + ROUNDING)
-        assert relaxed.bound <= optimum * 10.0  # a bound that bounds nothing would pass too
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize(
-    "allowed",
-    [
-        grouped(14, 1, 4),
-        grouped(15, 3, 2),
-        grouped(9, 3, 2, repeats=True),
-        grouped(16, 8, 1, used=4, separation=2.0),
-    ],
-    ids=["free", "levels", "repeats", "levels to choose"],
-)
-@pytest.mark.parametrize("name", ["D", "A", "task", "E", "G"])
-def test_the_search_finds_the_optimum_to_a_thousandth(name: str, allowed: Allowed) -> None:
-    rng = np.random.default_rng(0)
-    criterion, blocks = criteria(rng, P)[name], random_blocks(rng, len(allowed.group), P)
-    optimum, _ = best_by_exhaustion(criterion, blocks, allowed)
-    problem = Selection(criterion, blocks, allowed)
-    relaxed = relax(problem)
-    assert relaxed.bound >= optimum * (1.0 - 1e-9)
-    value = best_plan(problem, relaxed, seed=0).value
-    assert 0.999 * optimum <= value <= optimum * (1.0 + 1e-9)
+        if problem.blocks.rank * problem.allowed.size >= 3 * len(problem.blocks.fixed):
+            assert ours >= 0.999 * optimum, rules
+            assert relaxed.bound <= 2.0 * optimum  # one that bounds nothing would pass, too
+        assert optimum <= relaxed.bound * (1.0 + ROUNDING), rules
 
 
 def test_a_bound_of_the_criterion_with_its_share_is_none_of_the_plain_one() -> None:
@@ -240,31 +208,6 @@ def test_near_singular_plans_do_not_break_the_search() -> None:
     assert np.linalg.matrix_rank(blocks.total(plan), tol=1e-6) == P
 
 
-def of_a_statistician(name: str, J: Array, rng: np.random.Generator) -> Criterion:
-    """With parameters of unlike units that are no coordinates of the rows."""
-    p = J.shape[2]
-    V = (np.eye(p) + 0.3 * rng.normal(size=(p, p))) * 10.0 ** rng.uniform(-1.0, 1.0, (p, 1))
-    region = np.swapaxes(J[rng.choice(len(J), 40, replace=False)], 1, 2)
-    of: dict[str, Criterion] = {
-        "D": Determinant(V),
-        "A": Average(V.T),
-        "c": Combination(V[:1].T),
-        "E": SmallestEigenvalue(np.eye(p)),
-        "G": WorstRegion(region),
-        "Ds": Subset(V[: max(1, p // 3)]),
-        "task": Task.of_rows(rng.normal(size=(3 * p, p))),
-    }
-    return of[name].plain
-
-
-def cosines(p: int, count: int, rng: np.random.Generator) -> Array:
-    """Rows (n, 2, p) of two responses, a random cosine basis of six factors, mean information one."""
-    x = rng.uniform(-1.0, 1.0, (count, 6))
-    J = np.cos(x @ rng.normal(size=(2, 6, p)) * 2.0 + rng.uniform(0.0, 6.0, p)).swapaxes(0, 1)
-    mean = np.einsum("nrp,nrq->pq", J, J) / count
-    return np.asarray(J @ np.linalg.inv(np.linalg.cholesky(mean)).T)
-
-
 @pytest.mark.parametrize(
     ("p", "count", "poses"),
     [
@@ -272,18 +215,16 @@ def cosines(p: int, count: int, rng: np.random.Generator) -> Array:
         pytest.param(6, 10_000, 14, marks=pytest.mark.long),
     ],
 )
-@pytest.mark.parametrize("number", range(7), ids=["D", "A", "c", "E", "G", "Ds", "task"])
-def test_no_plan_is_above_the_bound(number: int, p: int, count: int, poses: int) -> None:
-    """Plans by chance, by chance of what the bound prices highest, and that itself."""
-    name, rng = ("D", "A", "c", "E", "G", "Ds", "task")[number], np.random.default_rng([p, number])
-    J = cosines(p, count, rng)
-    blocks = Blocks(pack(np.swapaxes(J, 1, 2) @ J), 1e-10 * np.eye(p), 2)
-    criterion = of_a_statistician(name, J, rng)
+@pytest.mark.parametrize("name", ["D", "A", "c", "E", "G", "Ds", "task"])
+def test_no_plan_by_chance_is_above_the_bound(name: str, p: int, count: int, poses: int) -> None:
+    """By chance of all, by chance of what the bound prices highest, and that itself."""
+    rng = np.random.default_rng([p, poses])
+    blocks, criterion = random_blocks(rng, count, p, 2), criteria(rng, p)[name]
     problem = Selection(criterion, blocks, Allowed.any_of(count, poses))
     relaxed = relax(problem)
     # The bound again, by a plain sort of what each candidate is worth.
-    scores = np.einsum("nrp,pq,nrq->n", J, relaxed.G, J)
-    again = np.sort(scores)[-poses:].sum() + 1e-10 * np.trace(relaxed.G)
+    scores = np.einsum("nrp,pq,nrq->n", blocks.rows, relaxed.G, blocks.rows)
+    again = np.sort(scores)[-poses:].sum() + np.trace(blocks.fixed @ relaxed.G)
     assert relaxed.bound == pytest.approx(again, rel=1e-9)
     found, top = best_plan(problem, relaxed, seed=0), np.argsort(-scores)[: 3 * poses]
     chance = [rng.choice(count, poses, replace=False) for _ in range(200)]

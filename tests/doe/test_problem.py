@@ -12,14 +12,17 @@ import pytest
 import calib
 import doe
 from calib import Cell, load_cell
+from calib.arrays import Array
 from calib.cell.planned import Planned
 from calib.errors import CalibError, InputError
 from calib.inference.widths import SizePrior
 from calib.model.build import build
 from calib.poses import poses_at
 from calib.simulation import drawn_readings
-from doe.candidates import Pool
+from doe.constraints import scene_of, visible
 from doe.forecast.coming import whole_day
+from doe.information import target_rows
+from doe.plan import assess
 from doe.planning import choose
 from doe.problem import RIDGE, Problem, problem_of
 from doe.request import CannotIdentify, Request
@@ -27,6 +30,7 @@ from studies.demo.embedded import embedded_cell
 from tests import two_arms
 from tests.doe.constraints.arms import planar
 from tests.doe.problems import unpolished, visiting_again
+from tests.helpers import read_by
 
 
 @pytest.fixture(scope="module")
@@ -43,78 +47,84 @@ def of_known_sizes(cell: Cell, width: float) -> tuple[Cell, SizePrior]:
     return known, prior
 
 
-def in_si(problem: Problem, M: np.ndarray) -> np.ndarray:
-    """Information in the coordinates of the criteria, of the values in SI."""
+def some(cell: Cell, count: int, seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(*cell.robot.sample_limits().T, (count, cell.robot.dof))
+
+
+def told(problem: Problem) -> Array:
+    """What every plan has, of the values in plausible sizes."""
     back = np.linalg.inv(problem.regressor.T)
-    return np.asarray(back.T @ M @ back)
+    own = back.T @ (problem.fixed - RIDGE * np.eye(len(back))) @ back
+    return np.asarray(own * np.outer(problem.model.sizes, problem.model.sizes))
 
 
 def test_what_sizes_tell_is_in_every_plan(cell: Cell) -> None:
     known, prior = of_known_sizes(cell, 1.0)
-    cov = prior.covariance
     problem = problem_of(known, Request(6, "task"))
-    ridge = RIDGE * np.eye(len(problem.fixed))
-    told = in_si(problem, problem.fixed - ridge)
+    own, sizes = told(problem), problem.model.sizes
     at = np.array([p.effect == "geometry" for p in problem.model.parameters])
-    np.testing.assert_allclose(told[np.ix_(at, at)] @ cov, np.eye(len(cov)), atol=1e-6)
-    assert np.abs(told[~at]).max() < 1e-6 * np.abs(told).max()
+    cov = prior.covariance / np.outer(sizes[at], sizes[at])
+    np.testing.assert_allclose(own[np.ix_(at, at)] @ cov, np.eye(len(cov)), atol=1e-6)
+    assert np.abs(own[~at]).max() < 1e-6 * np.abs(own).max()
 
 
-def test_what_is_measured_in_any_case_adds_up(cell: Cell) -> None:
-    rng = np.random.default_rng(1)
-    q = rng.uniform(*cell.robot.sample_limits().T, (3, cell.robot.dof))
-    problem = problem_of(cell, Request(6, "task", fixed=poses_at(q)))
-    _, J = problem.model.jacobian(problem.regressor.values, poses_at(q))
-    rows = J.reshape(-1, J.shape[-1]) / cell.noise.along
-    ridge = RIDGE * np.eye(len(problem.fixed))
-    told = in_si(problem, problem.fixed - ridge) * np.outer(
-        problem.model.sizes, problem.model.sizes
+def test_what_is_measured_adds_up_and_what_is_hidden_counts_nothing(cell: Cell) -> None:
+    q, normals = some(cell, 20, 1), np.full((3, 3), np.nan)
+    normals[2] = [1.0, 0.0, 0.0]
+    cell = replace(
+        cell,
+        instruments=read_by(cell.noise, np.array([4.0, 0.0, 1.5])),
+        marker_normals=normals,
+        marker_acceptance=np.array([np.nan, np.nan, np.radians(60.0)]),
     )
-    own = rows * problem.model.sizes
-    np.testing.assert_allclose(told, own.T @ own, rtol=1e-6, atol=1e-6 * np.abs(told).max())
+    problem = problem_of(cell, Request(6, "task", fixed=poses_at(q[:3])))
+    _, J = problem.model.jacobian(problem.regressor.values, poses_at(q))
+    seen = visible(scene_of(cell, q))
+    rows = J.reshape(20, 3, 3, -1) * problem.model.sizes / cell.noise.along * seen[..., None, None]
+    three, all_ = (np.einsum("mkri,mkrj->ij", own, own) for own in (rows[:3], rows))
+    own, judged = told(problem), assess(problem, q[3:])
+    np.testing.assert_allclose(own, three, rtol=1e-6, atol=1e-6 * np.abs(own).max())
+    std = np.sqrt(np.diag(np.linalg.inv(all_))) * problem.model.sizes
+    np.testing.assert_allclose(judged.std, std, rtol=1e-4)
+    assert 5 < judged.hidden == (~seen[3:]).sum() < 17
 
 
-def pool(cell: Cell) -> tuple[Problem, Pool]:
-    rng = np.random.default_rng(2)
-    q = rng.uniform(*cell.robot.sample_limits().T, (200, cell.robot.dof))
-    problem = problem_of(cell, Request(8, "D", candidates=poses_at(q)))
-    return problem, problem.pool
+def test_errors_at_targets_count_at_the_markers_or_at_the_tip() -> None:
+    cell = planar(2, markers=np.array([[0.0, 0.3, 0.0], [0.0, 0.5, 0.0]]))
+    model, at = build(replace(cell, effects=("joint_offset:j2",))).model, poses_at(np.zeros((1, 2)))
+    tip, markers = (target_rows(model, np.zeros(1), at, own)[0] for own in (False, True))
+    np.testing.assert_allclose(np.linalg.norm(tip), 1.0)
+    # The mean square of both: 1 m ahead of the joint, 0.3 and 0.5 m beside it.
+    np.testing.assert_allclose((markers**2).sum(), 1.0 + (0.09 + 0.25) / 2.0)
 
 
 def test_a_number_of_poses_is_refused_just_where_no_plan_of_it_tells_all(cell: Cell) -> None:
     """By the rank of random plans, which is that of the best where poses lie in general."""
-    problem, found = pool(cell)
-    p, rng = len(problem.model.parameters), np.random.default_rng(3)
-    enough = next(
-        n
-        for n in range(1, 12)
-        if max(
-            np.linalg.matrix_rank(
-                problem.information(found.q[rng.choice(len(found), n, replace=False)]).sum(axis=0),
-                tol=1e-6,
-            )
-            for _ in range(5)
-        )
-        == p
+    problem = problem_of(cell, Request(8, "D", candidates=poses_at(some(cell, 100, 2))))
+    blocks, rng = problem.information(problem.pool.q), np.random.default_rng(3)
+
+    def rank(count: int) -> int:
+        plan = rng.choice(len(blocks), count, replace=False)
+        return int(np.linalg.matrix_rank(blocks[plan].sum(axis=0), tol=1e-6))
+
+    enough = next(n for n in range(1, 12) if rank(n) == len(problem.model.parameters))
+    few, many = (
+        replace(problem, request=replace(problem.request, poses=count))
+        for count in (enough - 1, enough)
     )
-    few = replace(problem, request=replace(problem.request, poses=enough - 1))
     with pytest.raises(CannotIdentify, match=f"{enough - 1} poses leave .* parameters open"):
         choose(few, few.posed())
-    many = replace(problem, request=replace(problem.request, poses=enough))
     choose(many, many.posed())
 
 
 def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: Cell) -> None:
     known, prior = of_known_sizes(cell, 0.02)
-    std = prior.std
-    rng = np.random.default_rng(0)
-    q = rng.uniform(*cell.robot.sample_limits().T, (120, cell.robot.dof))
+    q, rng = some(cell, 120, 0), np.random.default_rng(1)
     found = doe.design(known, poses=4, candidates=poses_at(q))
     assert found.value >= found.bound * (1.0 - 1e-9)
-    assert np.isfinite(found.assessment.std).all()
-    told = [s for p, s in zip(found.problem.model.parameters, found.assessment.std, strict=True)
-            if p.effect == "geometry"]  # fmt: skip
-    assert (np.array(told) < 1.001 * std).all()
+    at = [p.effect == "geometry" for p in found.problem.model.parameters]
+    assert (found.assessment.std[at] < 1.001 * prior.std).all()
     # No plan of these candidates is better than the bound says, the best by their own look included.
     problem = found.problem
     blocks = problem.information(q)
@@ -128,8 +138,6 @@ def test_a_plan_beside_known_sizes_needs_fewer_poses_and_keeps_its_proof(cell: C
 
 
 HIP = "joint_compliance:hip.compliance"
-
-
 MARKERS = (
     '[markers_mm]\nright = [30, 40, -50]\nleft = { position = [40, -30, -60], on = "left_hand" }\n'
     "[instrument]\nsigma_mm = 0.02\n"
@@ -219,10 +227,8 @@ def test_a_plan_is_read_in_its_order(tmp_path: Path) -> None:
 
 
 def test_what_is_left_of_a_plan_keeps_its_sides_and_times() -> None:
-    cell, rng = (
-        planar_cell("tool", "joint_offset", "backlash", "base_drift"),
-        np.random.default_rng(0),
-    )
+    cell = planar_cell("tool", "joint_offset", "backlash", "base_drift")
+    rng = np.random.default_rng(0)
     q, time = rng.uniform(-2.0, 2.0, (12, 2)), np.cumsum(rng.uniform(10.0, 40.0, 12))
     plan = poses_at(q, approach=rng.choice([-1.0, 1.0], (12, 2)), time=time)
     data = calib.simulate(cell, plan.take(slice(6)), rng=0)

@@ -16,7 +16,6 @@ from calib.arm.statics import Payload
 from calib.arrays import Array
 from calib.cell import Load
 from calib.cell.planned import Ball, Box
-from doe.constraints import Constraint, constraints_of, scene_of, visible
 from doe.constraints.scene import Scene
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by
 
@@ -131,20 +130,3 @@ def planar(dof: int = 3, **given: Any) -> Cell:
 
 
 LINK = Capsule((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.1)
-
-
-LINKS = {"j1": (LINK,), "j2": (LINK,), "j3": (LINK,)}
-
-
-def only(cell: Cell) -> Constraint:
-    """The one constraint of a cell."""
-    (found,) = constraints_of(cell)
-    return found
-
-
-def allowed(cell: Cell, *degrees: tuple[float, ...]) -> list[bool]:
-    return only(cell).allows(scene_of(cell, np.radians(np.array(degrees)))).tolist()
-
-
-def sees(cell: Cell, *degrees: tuple[float, ...]) -> list[list[bool]]:
-    return visible(scene_of(cell, np.radians(np.array(degrees)))).tolist()

@@ -5,6 +5,7 @@ The truth is plain numpy: a chain, contacts and noise that share no code with pl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,34 +25,18 @@ from doe.forecast.enough import enough
 from doe.forecast.foresee import foresee
 from studies.compare.experiment import POINTS, experiment_of, predict
 from tests.helpers import all_seen, cell_of
-from tests.touched_arm import OFF, TRUE, arm, points_of
+from tests.touched_arm import OFF, OFFSETS, TRUE, arm, led_to, points_of, positions
 
 ONE = np.array([[0.10, 0.02, -0.05]])
-
-
 SIGMA = 2e-5
-
-
 LIMITS = np.tile([-2.0, 2.0], (4, 1))
-
-
 MIDDLE = np.array([0.3, -0.2, 0.4])
-
-
 NORMAL = np.array([0.2, -0.3, 0.9])
-
-
-SITES = points_of(
-    arm(), np.array([[0.4, -0.5, 0.6, 0.2], [-0.6, 0.7, -0.3, 0.5]]), np.zeros(3), ONE
-)[:, 0]
-
-
+SITES = points_of(arm(), np.array([[0.4, -0.5, 0.6, 0.2], [-0.6, 0.7, -0.3, 0.5]]), markers=ONE)[
+    :, 0
+]
 APART = float(np.sqrt(((SITES[0] - SITES[1]) ** 2).sum()))
-
-
 SOCKETS = Socket(name="a", sites=("a", "b"), sigma=SIGMA, standing=SITES)
-
-
 PLANE = Plane(name="table", sigma=SIGMA, standing=place_of(MIDDLE, NORMAL)[None])
 
 
@@ -60,9 +45,9 @@ def cell_with(*instruments: Instrument, lengths: tuple[KnownDistance, ...] = ())
     return replace(cell, instruments=instruments, known_distances=lengths)
 
 
-def at(q: Array, off: Array | None = None) -> Array:
+def at(q: Array, off: Sequence[float] | Array = ()) -> Array:
     """The marker (m, 3) of an arm whose joints are off."""
-    return points_of(arm(), q, np.zeros(3) if off is None else off, ONE)[:, 0]
+    return points_of(arm(), q, off, ONE)[:, 0]
 
 
 def to_plane(p: Array, site: Array) -> Array:
@@ -81,54 +66,44 @@ KINDS = {
 
 def touching(kind: str, count: int = 12) -> tuple[Array, Array]:
     """Poses (m, 4) within the limits at which the nominal arm touches, and at which place, (m,)."""
-    rng, missed = np.random.default_rng(3), KINDS[kind][1]
-    q = rng.uniform(-2.0, 2.0, (400, 4))
+    q, missed = np.random.default_rng(3).uniform(-1.5, 1.5, (60, 4)), KINDS[kind][1]
     site = np.arange(len(q)) % (2 if kind == "sockets" else 1)
-    for _ in range(40):
-        steps = 1e-6 * np.eye(4)
-        J = np.stack([missed(at(q + h), site) - missed(at(q - h), site) for h in steps], -1) / 2e-6
-        off = missed(at(q), site)[..., None]
-        q = np.clip(q - np.clip((np.linalg.pinv(J) @ off)[..., 0], -0.3, 0.3), -2.0, 2.0)
-    met = np.abs(missed(at(q), site)).max(axis=1) < 1e-9
+    q, there = led_to(q, lambda q: missed(at(q), site))
+    met = there & (np.abs(q) <= 2.0).all(axis=1)
     return q[met][:count], site[met][:count]
+
+
+def settled(kind: str, q: Array, site: Array, rng: np.random.Generator) -> Array:
+    """Joints at which the true arm touches, its noise aside."""
+    missed = KINDS[kind][1]
+    noise = SIGMA * rng.normal(size=missed(at(q), site).shape)
+    touched, there = led_to(q, lambda q: missed(at(q, TRUE), site), noise)
+    assert there.all()
+    return touched
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_pose_touches_and_fits_scatter_as_foreseen(kind: str) -> None:
-    cell, missed = KINDS[kind]
-    q, site = touching(kind)
+    cell, (q, site) = KINDS[kind][0], touching(kind)
     assert len(q) == 12
     experiment = experiment_of(cell, poses_at(q))
     cov = predict(experiment, POINTS).covariance
     ids = [p.id for p in experiment.model.parameters]
-    own = [ids.index(f"joint_offset:{joint}.offset") for joint in ("j2", "j3", "j4")]
+    names = [f"joint_offset:{joint}.offset" for joint in OFFSETS]
+    own = [ids.index(name) for name in names]
     rng, statistics = np.random.default_rng(0), []
     for _ in range(5):
-        touched = settled(q, site, missed, rng)
-        names = np.array(["a", "b"])[site] if kind == "sockets" else None
+        touched = settled(kind, q, site, rng)
+        places = np.array(["a", "b"])[site] if kind == "sockets" else None
         readings = np.zeros((len(q), 1, 3 if kind == "sockets" else 1))
-        data = all_seen(poses_at(touched, site=names), readings)
+        data = all_seen(poses_at(touched, site=places), readings)
         lengths = [replace(k, length=APART + 1e-5 * rng.normal()) for k in cell.known_distances]
         own_cell = replace(cell, known_distances=tuple(lengths))
         result = calib.identify(own_cell, data)
-        at_own = [[p.id for p in result.model.parameters].index(ids[k]) for k in own]
-        off = result.values[at_own] - TRUE
+        off = result.values[positions(result, *names)] - TRUE
         statistics.append(off @ np.linalg.solve(cov[np.ix_(own, own)], off))
     assert 1e-3 < chi2.cdf(sum(statistics), 3 * len(statistics)) < 1.0 - 1e-3
-
-
-def settled(q: Array, site: Array, missed, rng: np.random.Generator) -> Array:  # type: ignore[no-untyped-def]
-    """Joints at which the true arm touches, its noise aside, by Newton's steps."""
-    noise = SIGMA * rng.normal(size=missed(at(q), site).shape)
-    for _ in range(15):
-        steps = 1e-6 * np.eye(4)
-        ends = [missed(at(q + h, TRUE), site) - missed(at(q - h, TRUE), site) for h in steps]
-        J = np.stack(ends, axis=-1) / 2e-6
-        off = missed(at(q, TRUE), site) - noise
-        q = q - (np.linalg.pinv(J) @ off[..., None])[..., 0]
-    assert np.abs(off).max() < 1e-9
-    return q
 
 
 def test_a_pose_is_read_by_what_it_touches_alone() -> None:
@@ -161,7 +136,7 @@ def test_half_a_plan_of_sockets_is_forecast_as_identifications_find_it() -> None
     cell = replace(KINDS["sockets"][0], repeatability=Repeatability(0.0, 0.0))
     q, site = touching("sockets")
     names = [f"p{k:02d}" for k in range(len(q))]
-    touched = settled(q, site, to_socket, np.random.default_rng(0))
+    touched = settled("sockets", q, site, np.random.default_rng(0))
     poses = poses_at(touched, site=np.array(["a", "b"])[site], names=names)
     whole, plan = all_seen(poses, np.zeros((len(q), 1, 3))), poses_at(q, names=names)
     half, end = whole.take(np.arange(7)), calib.identify(cell, whole)

@@ -358,7 +358,6 @@ A3,0,1150,-90,0
 """
 _XACRO = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>'
 _INIT = "init arm.csv -o new"
-_DH_CELL = swap('urdf = "kr270.urdf"', 'dh = "arm.csv"')
 
 
 def _dh(old: str, new: str) -> Edit:
@@ -391,12 +390,16 @@ ROBOTS = [
     Fault("a page in place of a robot", "init arm.html -o new", "arm.html", whole("<html/>")),
     Fault("a robot that does not move", "init arm.urdf -o new", "arm.urdf",
           whole("<robot name='arm'><link name='a'/></robot>")),
-    Fault("DH without its convention", _IDENTIFY, "cell.toml", _DH_CELL),
-    Fault("two files of one robot", _IDENTIFY, "cell.toml",
-          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nmjcf = "arm.xml"')),
-    Fault("a URDF taken for an MJCF", _IDENTIFY, "cell.toml",
-          swap('urdf = "kr270.urdf"', 'mjcf = "kr270.urdf"')),
-    Fault("a URDF without base", _IDENTIFY, "cell.toml", swap('base = "base_link"', "")),
+    *_in(
+        "cell.toml",
+        _IDENTIFY,
+        {
+            "DH without its convention": swap('urdf = "kr270.urdf"', 'dh = "arm.csv"'),
+            "two files of one robot": swap('kr270.urdf"', 'kr270.urdf"\nmjcf = "arm.xml"'),
+            "a URDF taken for an MJCF": swap('urdf = "kr270.urdf"', 'mjcf = "kr270.urdf"'),
+            "a URDF without base": swap('base = "base_link"', ""),
+        },
+    ),
 ]  # fmt: skip
 
 SERIAL = """<mujoco><compiler angle="radian"/><worldbody><body name="base">
@@ -436,23 +439,27 @@ MJCF = _in(
     },
 )
 
-CAMERAS = [
-    Fault("a lens in a file of its own", _IDENTIFY, "cell.toml",
-          _seen("sigma_px", 'calibration = "lens.yaml"\nsigma_px')),
-    Fault("a camera without its focal length", _IDENTIFY, "cell.toml",
-          _seen("focal_px = 1200\n", "")),
-    Fault("a focal length in words", _IDENTIFY, "cell.toml", _seen("1200", '"long"')),
-    Fault("a lens of which nobody knows what is uncertain", _IDENTIFY, "cell.toml",
-          _seen("sigma_px", "intrinsics_std = { distortion = true }\nsigma_px")),
-    Fault("a board of two shapes", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\npoints_mm = { p = [0, 0, 0] }")),
-    Fault("a board of tags", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]")),
-    Fault("markers larger than their squares", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 40")),
-    Fault("a dictionary of markers", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", 'pitch_mm = 30\ndictionary = "5x5_100"')),
-]  # fmt: skip
+
+def _board(more: str) -> Edit:
+    return _seen("pitch_mm = 30", f"pitch_mm = 30\n{more}")
+
+
+CAMERAS = _in(
+    "cell.toml",
+    _IDENTIFY,
+    {
+        "a lens in a file of its own": _seen("sigma_px", 'calibration = "lens.yaml"\nsigma_px'),
+        "a camera without its focal length": _seen("focal_px = 1200\n", ""),
+        "a focal length in words": _seen("1200", '"long"'),
+        "a lens of which nobody knows what is uncertain": _seen(
+            "sigma_px", "intrinsics_std = { distortion = true }\nsigma_px"
+        ),
+        "a board of two shapes": _board("points_mm = { p = [0, 0, 0] }"),
+        "a board of tags": _board("tags = [5, 4]"),
+        "markers larger than their squares": _board("marker_mm = 40"),
+        "a dictionary of markers": _board('dictionary = "5x5_100"'),
+    },
+)
 
 
 def _touched(kind: str, *more: str) -> Edit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -55,8 +55,7 @@ def masses_are_those_of_bodies(path: Path) -> None:
 
 def test_the_mjcf_gives_the_torques_of_the_fit(found: MotionDiagnosis, tmp_path: Path) -> None:
     """The user's own file: MuJoCo's inverse dynamics, at a motion that took no part."""
-    cell = found.cell
-    own, _ = own_links(cell.robot)
+    cell, (own, _) = found.cell, own_links(found.cell.robot)
     held = held_by_file(found, own)
     assert held.after < 0.2 * held.before
     path = tmp_path / "out.xml"
@@ -75,70 +74,79 @@ def test_the_mjcf_gives_the_torques_of_the_fit(found: MotionDiagnosis, tmp_path:
     assert np.allclose(again.losses, held.losses, rtol=1e-12)
 
 
+class Written(NamedTuple):
+    """An arm whose free estimate is no set of bodies, and the bodies that are nearest."""
+
+    cell: Cell
+    result: MotionDiagnosis
+    held: Held
+    links: Array
+
+    def file(self, form: str, path: Path) -> tuple[str, ...]:
+        """Write it; what the form lacks."""
+        made = robot_with(self.cell, self.held, form, path)
+        path.write_text(made.text)
+        return made.lacks
+
+    def torques(self, *motion: Array) -> Array:
+        """All that inverse dynamics has, by hand; dry friction apart."""
+        return by_hand(self.cell.robot, self.held, self.links, self.cell.gravity, *motion)
+
+
 @pytest.fixture(scope="module")
-def real(tmp_path_factory: pytest.TempPathFactory, data: Path) -> tuple[Cell, MotionDiagnosis]:
-    """An UR10e whose free estimate is no set of bodies."""
+def real(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Written:
+    """An UR10e."""
     folder = tmp_path_factory.mktemp("ur10e")
     cell = real_cell(folder, data / "ur10e_motion", "base_link", "tool0", 8.0)
     motions = load_motions(cell, cell.robot.source.files[0].with_name("motion.csv"))
-    cell = replace(cell, motion=replace(cell.motion, effects=(
-        "coulomb_friction", "viscous_friction", "armature", "pre_sliding", "inertials",
-    )))  # fmt: skip
+    kinds = ("coulomb_friction", "viscous_friction", "armature", "pre_sliding", "inertials")
+    cell = replace(cell, motion=replace(cell.motion, effects=kinds))
     result = calib.identify(cell, motions)
     assert isinstance(result, MotionDiagnosis)
-    return cell, result
+    held = held_by_file(result, own_links(cell.robot)[0])
+    return Written(cell, result, held, nominal_inertials(cell.robot) + held.links)
 
 
 def test_a_real_arm_is_written_as_bodies_that_give_its_torques(
-    real: tuple[Cell, MotionDiagnosis], tmp_path: Path
+    real: Written, tmp_path: Path
 ) -> None:
-    cell, result = real
-    own, _ = own_links(cell.robot)
-    links = nominal_inertials(cell.robot)
-    free = links + (sizes_of(result.state.products) * result.fit.x).reshape(-1, 10)
+    cell, result, held, links = real
+    sizes = sizes_of(result.state.products)
+    free = nominal_inertials(cell.robot) + (sizes * result.fit.x).reshape(-1, 10)
     assert np.linalg.eigvalsh(pseudo_inertias(free)).min() < 0.0
-    held = held_by_file(result, own)
     assert held.after < 0.15 < held.before
-    assert (np.linalg.eigvalsh(pseudo_inertias(links + held.links)) > 0.0).all()
+    assert (np.linalg.eigvalsh(pseudo_inertias(links)) > 0.0).all()
     assert (held.losses >= 0.0).all()
     assert held.lacking == ("pre_sliding",)
+
     _, *motion = fourier(np.random.default_rng(51), 6)
-    expected = by_hand(cell.robot, held, links + held.links, cell.gravity, *motion)
-
-    bare = tmp_path / "out.xml"
-    bare.write_text(robot_with(cell, held, "mjcf", bare).text)
+    real.file("mjcf", tmp_path / "out.xml")
+    expected = real.torques(*motion)
     dry = held.losses[:, 1] * np.sign(motion[1])
-    assert np.abs(torques(bare, *motion) - expected - dry).max() < 1e-6 * np.abs(expected).max()
-    masses_are_those_of_bodies(bare)
+    off = torques(tmp_path / "out.xml", *motion) - expected - dry
+    assert np.abs(off).max() < 1e-6 * np.abs(expected).max()
+    masses_are_those_of_bodies(tmp_path / "out.xml")
 
-    urdf = tmp_path / "out.urdf"
-    made = robot_with(cell, held, "urdf", urdf)
-    urdf.write_text(made.text)
-    assert any("armature" in line for line in made.lacks)
-    robot = Robot.from_urdf(urdf, "base_link", "tool0")
-    assert np.allclose(nominal_inertials(robot), links + held.links, rtol=1e-9, atol=1e-12)
+    lacks = real.file("urdf", tmp_path / "out.urdf")
+    assert any("armature" in line for line in lacks)
+    robot = Robot.from_urdf(tmp_path / "out.urdf", "base_link", "tool0")
+    assert np.allclose(nominal_inertials(robot), links, rtol=1e-9, atol=1e-12)
     assert np.allclose(robot.origins, cell.robot.origins)
     assert robot.losses is not None
     assert np.allclose(robot.losses[:, :2], held.losses[:, :2])
 
 
-def test_pinocchio_reads_the_same_torques_from_the_urdf(
-    real: tuple[Cell, MotionDiagnosis], tmp_path: Path
-) -> None:
+def test_pinocchio_reads_the_same_torques_from_the_urdf(real: Written, tmp_path: Path) -> None:
     pinocchio = pytest.importorskip("pinocchio")
-    cell, result = real
-    held = held_by_file(result, own_links(cell.robot)[0])
-    urdf = tmp_path / "out.urdf"
-    urdf.write_text(robot_with(cell, held, "urdf", urdf).text)
-    _, *motion = fourier(np.random.default_rng(52), 6)
-    links = nominal_inertials(cell.robot) + held.links
-    expected = by_hand(cell.robot, held, links, cell.gravity, *motion)
-    model = pinocchio.buildModelFromUrdf(str(urdf))
-    model.armature = held.losses[:, 2]
-    model.gravity.linear = cell.gravity
+    real.file("urdf", tmp_path / "out.urdf")
+    model = pinocchio.buildModelFromUrdf(str(tmp_path / "out.urdf"))
+    model.armature = real.held.losses[:, 2]
+    model.gravity.linear = real.cell.gravity
     data, got = model.createData(), []
+    _, *motion = fourier(np.random.default_rng(52), 6)
     for q, v, a in zip(*motion, strict=True):
-        got.append(pinocchio.rnea(model, data, q, v, a) + held.losses[:, 0] * v)
+        got.append(pinocchio.rnea(model, data, q, v, a) + real.held.losses[:, 0] * v)
+    expected = real.torques(*motion)
     assert np.abs(np.array(got) - expected).max() < 1e-6 * np.abs(expected).max()
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import calib
-from calib import Cell
 from calib.arm.robot import Robot
 from calib.arrays import Array
 from calib.errors import InputError
@@ -32,70 +31,65 @@ from tests.studies.command_line import run
 TRUTH = {"j2": 'armature=".6" damping="4"', "j1": 'frictionloss="2"', "mass": 7.5}
 
 
+class Written(NamedTuple):
+    """What runs say of an arm, the nearest set of bodies, and its links in all, (n, 10)."""
+
+    result: MotionDiagnosis
+    held: Held
+    links: Array
+
+    @classmethod
+    def of(cls, result: MotionDiagnosis) -> Written:
+        held = held_by_file(result, own_links(result.cell.robot)[0])
+        return cls(result, held, nominal_inertials(result.cell.robot) + held.links)
+
+    def file(self, form: str, path: Path) -> tuple[str, ...]:
+        """Write it; what the form lacks."""
+        made = robot_with(self.result.cell, self.held, form, path)
+        path.write_text(made.text)
+        return made.lacks
+
+    def torques(self, q: Array, v: Array, a: Array) -> Array:
+        """By hand, of links, damping and armature: dry friction apart, all of inverse dynamics."""
+        cell, losses = self.result.cell, self.held.losses
+        rigid = regressor(cell.robot, q, v, a, cell.gravity) @ self.links.ravel()
+        return np.asarray(rigid + losses[:, 0] * v + losses[:, 2] * a)
+
+    def is_what_mujoco_reads(self, path: Path, seed: int) -> None:
+        """Its inverse dynamics at a motion that took no part; every mass is one of a body."""
+        self.file("mjcf", path)
+        _, q, v, a = fourier(np.random.default_rng(seed), len(self.links))
+        expected = self.torques(q, v, a) + self.held.losses[:, 1] * np.sign(v)
+        assert np.abs(torques(path, q, v, a) - expected).max() < 1e-6 * np.abs(expected).max()
+        model = mujoco.MjModel.from_xml_path(str(path))
+        principal = np.sort(model.body_inertia[model.body_mass > 0.0])
+        assert (principal > 0.0).all()
+        assert (principal[:, 0] + principal[:, 1] > principal[:, 2]).all()
+
+
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> MotionDiagnosis:
     folder = tmp_path_factory.mktemp("arm")
     return diagnosed(arm(folder), arm(folder, **TRUTH))
 
 
-def by_hand(robot: Robot, held: Held, links: Array, gravity: Array, *motion: Array) -> Array:
-    """Torques of links, damping and armature, dry friction apart; all that inverse dynamics has."""
-    q, v, a = motion
-    rigid = regressor(robot, q, v, a, gravity) @ links.ravel()
-    return np.asarray(rigid + held.losses[:, 0] * v + held.losses[:, 2] * a)
-
-
-def masses_are_those_of_bodies(path: Path) -> None:
-    model = mujoco.MjModel.from_xml_path(str(path))
-    moving = model.body_mass > 0.0
-    principal = np.sort(model.body_inertia[moving])
-    assert (principal > 0.0).all()
-    assert (principal[:, 0] + principal[:, 1] > principal[:, 2]).all()
-
-
 def test_the_mjcf_gives_the_torques_of_the_fit(found: MotionDiagnosis, tmp_path: Path) -> None:
-    """The user's own file: MuJoCo's inverse dynamics, at a motion that took no part."""
-    cell, (own, _) = found.cell, own_links(found.cell.robot)
-    held = held_by_file(found, own)
+    """The user's own file."""
+    path, made = tmp_path / "out.xml", Written.of(found)
+    held = made.held
     assert held.after < 0.2 * held.before
-    path = tmp_path / "out.xml"
-    path.write_text(robot_with(cell, held, "mjcf", path).text)
-    _, *motion = fourier(np.random.default_rng(50), 4)
-    expected = by_hand(cell.robot, held, own + held.links, cell.gravity, *motion)
-    expected += held.losses[:, 1] * np.sign(motion[1])
-    got = torques(path, *motion)
-    assert np.abs(got - expected).max() < 1e-6 * np.abs(expected).max()
+    made.is_what_mujoco_reads(path, 50)
     assert held.losses[1, 0] == pytest.approx(4.0, rel=0.05)
     assert held.losses[1, 2] == pytest.approx(0.6, rel=0.1)
     assert held.losses[0, 1] == pytest.approx(2.0, rel=0.05)
-    masses_are_those_of_bodies(path)
     again = Robot.from_mjcf(path, "base", "tip")
     assert again.losses is not None
     assert np.allclose(again.losses, held.losses, rtol=1e-12)
 
 
-class Written(NamedTuple):
-    """An arm whose free estimate is no set of bodies, and the bodies that are nearest."""
-
-    cell: Cell
-    result: MotionDiagnosis
-    held: Held
-    links: Array
-
-    def file(self, form: str, path: Path) -> tuple[str, ...]:
-        """Write it; what the form lacks."""
-        made = robot_with(self.cell, self.held, form, path)
-        path.write_text(made.text)
-        return made.lacks
-
-    def torques(self, *motion: Array) -> Array:
-        """All that inverse dynamics has, by hand; dry friction apart."""
-        return by_hand(self.cell.robot, self.held, self.links, self.cell.gravity, *motion)
-
-
 @pytest.fixture(scope="module")
 def real(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Written:
-    """An UR10e."""
+    """An UR10e, whose free estimate is no set of bodies."""
     folder = tmp_path_factory.mktemp("ur10e")
     cell = real_cell(folder, data / "ur10e_motion", "base_link", "tool0", 8.0)
     motions = load_motions(cell, cell.robot.source.files[0].with_name("motion.csv"))
@@ -103,35 +97,26 @@ def real(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Written:
     cell = replace(cell, motion=replace(cell.motion, effects=kinds))
     result = calib.identify(cell, motions)
     assert isinstance(result, MotionDiagnosis)
-    held = held_by_file(result, own_links(cell.robot)[0])
-    return Written(cell, result, held, nominal_inertials(cell.robot) + held.links)
+    return Written.of(result)
 
 
 def test_a_real_arm_is_written_as_bodies_that_give_its_torques(
     real: Written, tmp_path: Path
 ) -> None:
-    cell, result, held, links = real
-    sizes = sizes_of(result.state.products)
-    free = nominal_inertials(cell.robot) + (sizes * result.fit.x).reshape(-1, 10)
+    result, held, links = real
+    nominal, sizes = result.cell.robot, sizes_of(result.state.products)
+    free = nominal_inertials(nominal) + (sizes * result.fit.x).reshape(-1, 10)
     assert np.linalg.eigvalsh(pseudo_inertias(free)).min() < 0.0
     assert held.after < 0.15 < held.before
     assert (np.linalg.eigvalsh(pseudo_inertias(links)) > 0.0).all()
     assert (held.losses >= 0.0).all()
     assert held.lacking == ("pre_sliding",)
-
-    _, *motion = fourier(np.random.default_rng(51), 6)
-    real.file("mjcf", tmp_path / "out.xml")
-    expected = real.torques(*motion)
-    dry = held.losses[:, 1] * np.sign(motion[1])
-    off = torques(tmp_path / "out.xml", *motion) - expected - dry
-    assert np.abs(off).max() < 1e-6 * np.abs(expected).max()
-    masses_are_those_of_bodies(tmp_path / "out.xml")
-
+    real.is_what_mujoco_reads(tmp_path / "out.xml", 51)
     lacks = real.file("urdf", tmp_path / "out.urdf")
     assert any("armature" in line for line in lacks)
     robot = Robot.from_urdf(tmp_path / "out.urdf", "base_link", "tool0")
     assert np.allclose(nominal_inertials(robot), links, rtol=1e-9, atol=1e-12)
-    assert np.allclose(robot.origins, cell.robot.origins)
+    assert np.allclose(robot.origins, nominal.origins)
     assert robot.losses is not None
     assert np.allclose(robot.losses[:, :2], held.losses[:, :2])
 
@@ -141,7 +126,7 @@ def test_pinocchio_reads_the_same_torques_from_the_urdf(real: Written, tmp_path:
     real.file("urdf", tmp_path / "out.urdf")
     model = pinocchio.buildModelFromUrdf(str(tmp_path / "out.urdf"))
     model.armature = real.held.losses[:, 2]
-    model.gravity.linear = real.cell.gravity
+    model.gravity.linear = real.result.cell.gravity
     data, got = model.createData(), []
     _, *motion = fourier(np.random.default_rng(52), 6)
     for q, v, a in zip(*motion, strict=True):

@@ -109,8 +109,12 @@ def test_losses_of_the_file_are_in_the_model(tmp_path: Path) -> None:
 NAMED: list[tuple[dict[str, str], dict[tuple[str, str], float]]] = [
     ({"j2": 'armature=".6"'}, {("armature", "j2"): 0.6}),
     (
-        {"j2": 'damping="3" armature=".6"'},
-        {("viscous_friction", "j2"): 3.0, ("armature", "j2"): 0.6},
+        {"j2": 'damping="3" armature=".6" frictionloss="1.5"'},
+        {
+            ("viscous_friction", "j2"): 3.0,
+            ("armature", "j2"): 0.6,
+            ("coulomb_friction", "j2"): 1.5,
+        },
     ),
     (
         {"j1": 'frictionloss="1.5"', "j4": 'frictionloss=".7"'},
@@ -127,12 +131,10 @@ def test_what_mujoco_put_in_is_named(
 
 
 def are_named(found: MotionDiagnosis, expected: dict[tuple[str, str], float]) -> None:
-    """These causes and no others, of these sizes, each with a rival once at most."""
+    """These causes and no others, of these sizes, each beyond doubt."""
     values = {(own.effect, own.where): own.parameters[0].value for own in found.causes}
     assert values == pytest.approx(expected, rel=0.1)
-    for own in found.causes:
-        rivals = [name for name, _, _ in own.rivals]
-        assert len(rivals) == len(set(rivals))
+    assert all(own.standing == "established" for own in found.causes)
 
 
 def test_one_term_is_named_and_the_result_is_its_json(tmp_path: Path) -> None:

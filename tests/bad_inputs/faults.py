@@ -56,6 +56,10 @@ def _seen(old: str, new: str) -> Edit:
     return lambda text: swap(old, new)(_SEEN(text))
 
 
+def _excluding(cause: str) -> Edit:
+    return added(f'\n[diagnosis]\nexclude = ["{cause}"]\n')
+
+
 MEASUREMENTS = _in(
     "measurements.csv",
     _IDENTIFY,
@@ -189,6 +193,10 @@ CELL = _in(
         "torques not measured": effects("base", "measured_torque:A2"),
         "an error of the load of a rigid arm": effects("base", "payload"),
         "a scale beside free lengths": effects("base", "tool", "geometry", "tracker_scale"),
+        "a cause misspelt that is excluded": _excluding("backlsh:A3"),
+        "an excluded cause at a place misspelt": _excluding("base_compliance:bse"),
+        "an excluded cause at no joint": _excluding("backlash:elbow"),
+        "a group of effects excluded": _excluding("geometry"),
         "a URDF that is not there": swap("kr270.urdf", "other.urdf"),
         "a device for the URDF": swap('"kr270.urdf"', '"/dev/zero"'),
         "no such link": swap('tip = "tool0"', 'tip = "tool1"'),
@@ -350,7 +358,6 @@ A3,0,1150,-90,0
 """
 _XACRO = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>'
 _INIT = "init arm.csv -o new"
-_DH_CELL = swap('urdf = "kr270.urdf"', 'dh = "arm.csv"')
 
 
 def _dh(old: str, new: str) -> Edit:
@@ -383,26 +390,76 @@ ROBOTS = [
     Fault("a page in place of a robot", "init arm.html -o new", "arm.html", whole("<html/>")),
     Fault("a robot that does not move", "init arm.urdf -o new", "arm.urdf",
           whole("<robot name='arm'><link name='a'/></robot>")),
-    Fault("DH without its convention", _IDENTIFY, "cell.toml", _DH_CELL),
-    Fault("two files of one robot", _IDENTIFY, "cell.toml",
-          swap('urdf = "kr270.urdf"', 'urdf = "kr270.urdf"\nmjcf = "arm.xml"')),
-    Fault("a URDF without base", _IDENTIFY, "cell.toml", swap('base = "base_link"', "")),
+    *_in(
+        "cell.toml",
+        _IDENTIFY,
+        {
+            "DH without its convention": swap('urdf = "kr270.urdf"', 'dh = "arm.csv"'),
+            "two files of one robot": swap('kr270.urdf"', 'kr270.urdf"\nmjcf = "arm.xml"'),
+            "a URDF taken for an MJCF": swap('urdf = "kr270.urdf"', 'mjcf = "kr270.urdf"'),
+            "a URDF without base": swap('base = "base_link"', ""),
+        },
+    ),
 ]  # fmt: skip
 
-CAMERAS = [
-    Fault("a lens in a file of its own", _IDENTIFY, "cell.toml",
-          _seen("sigma_px", 'calibration = "lens.yaml"\nsigma_px')),
-    Fault("a camera without its focal length", _IDENTIFY, "cell.toml",
-          _seen("focal_px = 1200\n", "")),
-    Fault("a board of two shapes", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\npoints_mm = { p = [0, 0, 0] }")),
-    Fault("a board of tags", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\ntags = [5, 4]")),
-    Fault("markers larger than their squares", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", "pitch_mm = 30\nmarker_mm = 40")),
-    Fault("a dictionary of markers", _IDENTIFY, "cell.toml",
-          _seen("pitch_mm = 30", 'pitch_mm = 30\ndictionary = "5x5_100"')),
-]  # fmt: skip
+SERIAL = """<mujoco><compiler angle="radian"/><worldbody><body name="base">
+<body name="link" pos="0 0 1"><joint name="j1" range="-1 1"/><geom size="0.1"/>
+<body name="hand" pos="0 0 1"><joint name="j2" axis="1 0 0"/><geom size="0.1"/><site name="tip"/>
+</body></body></body><site name="wall"/></worldbody></mujoco>"""
+"""A good MJCF."""
+
+
+def _mjcf(old: str, new: str) -> Edit:
+    return whole(swap(old, new)(SERIAL))
+
+
+def tied(ends: str, more: str = "") -> Edit:
+    """An MJCF with an equality constraint."""
+    return swap("</mujoco>", f"<equality><{ends}/></equality>{more}</mujoco>")
+
+
+_INCLUDE = '<include file="{}"/><compiler'
+_TENDON = '<tendon><fixed name="t"><joint joint="j2" coef="1"/></fixed></tendon>'
+MJCF = _in(
+    "arm.xml",
+    "init arm.xml -o new --base base --tip tip",
+    {
+        "an include that is not there": _mjcf("<compiler", _INCLUDE.format("no.xml")),
+        "an MJCF that includes itself": _mjcf("<compiler", _INCLUDE.format("arm.xml")),
+        "no such body": _mjcf('"base"', '"bas"'),
+        "a ball joint": _mjcf('name="j2"', 'type="ball"'),
+        "a joint without a name": _mjcf('name="j2"', ""),
+        "coupled joints": whole(tied('joint joint1="j1" joint2="j2"')(SERIAL)),
+        "a hand tied to the world": whole(tied('connect body1="hand" anchor="0 0 0"')(SERIAL)),
+        "a tip welded to the wall": whole(tied('weld site1="tip" site2="wall"')(SERIAL)),
+        "a tendon held at its length": whole(tied('tendon tendon1="t"', _TENDON)(SERIAL)),
+        "NaN in a place": _mjcf("0 0 1", "0 nan 1"),
+        "an attribute misspelt": _mjcf("axis=", "axes="),
+        "limits the wrong way round": _mjcf("-1 1", "1 -1"),
+    },
+)
+
+
+def _board(more: str) -> Edit:
+    return _seen("pitch_mm = 30", f"pitch_mm = 30\n{more}")
+
+
+CAMERAS = _in(
+    "cell.toml",
+    _IDENTIFY,
+    {
+        "a lens in a file of its own": _seen("sigma_px", 'calibration = "lens.yaml"\nsigma_px'),
+        "a camera without its focal length": _seen("focal_px = 1200\n", ""),
+        "a focal length in words": _seen("1200", '"long"'),
+        "a lens of which nobody knows what is uncertain": _seen(
+            "sigma_px", "intrinsics_std = { distortion = true }\nsigma_px"
+        ),
+        "a board of two shapes": _board("points_mm = { p = [0, 0, 0] }"),
+        "a board of tags": _board("tags = [5, 4]"),
+        "markers larger than their squares": _board("marker_mm = 40"),
+        "a dictionary of markers": _board('dictionary = "5x5_100"'),
+    },
+)
 
 
 def _touched(kind: str, *more: str) -> Edit:
@@ -459,6 +516,7 @@ FAULTS = {
     "other files, and the call": OTHERS,
     "joined tables and robot programs": JOINED,
     "robots, and a first cell of them": ROBOTS,
+    "the MJCF": MJCF,
     "cameras": CAMERAS,
     "what is touched": TOUCHED,
     "the order of the day": DAYS,

@@ -80,6 +80,7 @@ _FOREIGN = (
     (r"(is not valid TOML: ).*", r"\1..."),
     (r"(is not well-formed XML \().*(\); export)", r"\1...\2"),
     (r"(is no CSV \().*(\); check)", r"\1...\2"),
+    (r"(is refused by MuJoCo: )[^']*('[\w.]+')[^;]*; Element '\w+'", r"\1... \2 ..."),
     (r"(Invalid value for '[\w-]+'): .*(; see)", r"\1: ...\2"),
     (r"(No such (?:option|command)).*(; see)", r"\1 ...\2"),
 )

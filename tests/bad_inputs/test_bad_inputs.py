@@ -17,7 +17,6 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.sampled
 @pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.did)
 def test_one_line_says_what_where_and_what_to_do(fault: Fault, good: Path, tmp_path: Path) -> None:
     status, out, err = committed(fault, good, tmp_path / "cell")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import replace
+from dataclasses import astuple, is_dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,7 @@ import pytest
 
 import calib
 from calib import Cell, Poses
-from calib.cell import Load, Repeatability
-from calib.cell.planned import Pace
 from calib.diagnosis.candidates import candidates
-from calib.errors import InputError
 from calib.files.cell_out import Extended, extended_cell
 from calib.files.write_tables import measurements_csv
 from calib.instruments import Distance, KnownDistance, Plane, Socket
@@ -22,14 +20,6 @@ from calib.model.build import build, context_of, place_effect
 from studies.demo.embedded import embedded_text
 from tests.helpers import all_seen
 from tests.studies.command_line import paper_cell
-
-
-def test_normals_of_markers_have_length_one(tmp_path: Path) -> None:
-    old = "m1 = [279.2, -16.4, -91.9]"
-    faced = "m1 = { position = [279.2, -16.4, -91.9], normal = [0, 3, -4] }"
-    cell = cell_with(tmp_path, old=old, new=faced)
-    assert cell.marker_normals[0] == pytest.approx([0.0, 0.6, -0.8])
-    assert np.isnan(cell.marker_normals[1:]).all()
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -65,22 +55,61 @@ def asked(cell: Cell, poses: Poses) -> tuple[set[str], dict[str, str]]:
 
 # -- What tables say
 
+NONE = [np.nan] * 3
+FACED = "m1 = { position = [279.2, -16.4, -91.9], normal = [0, 3, -4] }"
+TIMING = "[timing]\nspeed_percent = 20\nload_change_min = 3\nread_s = 4\n"
+
 
 @pytest.mark.parametrize(
-    ("lines", "expected"),
+    ("field", "expected", "lines"),
     [
-        ("", None),
-        ("repeatability_mm = 0.03\nrepeatability_urad = 100\n", (3e-5, 1e-4)),
-        ("repeatability_mm = 0.03\n", (3e-5, 0.0)),
-        ("repeatability_urad = 100\n", (0.0, 1e-4)),
-        ("repeatability_mm = 0\n", (0.0, 0.0)),
+        (
+            "repeatability",
+            (3e-5, 1e-4),
+            {"robot": "repeatability_mm = 0.03\nrepeatability_urad = 100\n"},
+        ),
+        ("repeatability", (3e-5, 0.0), {"robot": "repeatability_mm = 0.03\n"}),
+        ("repeatability", (0.0, 1e-4), {"robot": "repeatability_urad = 100\n"}),
+        ("repeatability", (0.0, 0.0), {"robot": "repeatability_mm = 0\n"}),
+        ("load.mass", 250.0, {}),
+        ("load.com", (0.3, 0.0, 0.15), {}),
+        ("payload.com", (1e-3, 2e-3, 3e-3), {"more": "[payload]\ncom_mm = [1, 2, 3]\n"}),
+        ("pace", (0.2, 2.0, 4.0, 180.0), {"more": TIMING}),
+        ("robot.speeds", NONE * 2, {}),
+        (
+            "robot.speeds",
+            (np.nan, np.pi / 2, *NONE, np.pi),
+            {"more": "[robot.speed_deg_s]\nA2 = 90\nA6 = 180\n"},
+        ),
+        (
+            "robot.accelerations",
+            (2 * np.pi, *NONE, np.nan, np.nan),
+            {"more": "[robot.acceleration_deg_s2]\nA1 = 360\n"},
+        ),
+        (
+            "marker_normals",
+            ((0.0, 0.6, -0.8), NONE, NONE),
+            {"old": "m1 = [279.2, -16.4, -91.9]", "new": FACED},
+        ),
     ],
 )
-def test_repeatability(tmp_path: Path, lines: str, expected: tuple[float, float] | None) -> None:
-    found = cell_with(tmp_path, lines).repeatability
-    assert isinstance(found, Repeatability) == (expected is not None)
-    if found is not None:
-        assert (found.translation, found.rotation) == pytest.approx(expected, rel=1e-12)
+def test_keys_have_units_and_fields_are_in_si(
+    tmp_path: Path, field: str, expected: object, lines: dict[str, str]
+) -> None:
+    found = attrgetter(field)(cell_with(tmp_path, **lines))
+    numbers = astuple(found) if is_dataclass(found) else found
+    np.testing.assert_allclose(numbers, expected, rtol=1e-12)
+
+
+def test_nothing_said_of_repeatability_is_none(tmp_path: Path) -> None:
+    assert cell_with(tmp_path).repeatability is None
+
+
+def test_speeds_of_the_cell_go_before_those_of_the_urdf(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, more="[robot.speed_deg_s]\nA2 = 90\n")
+    urdf = embedded_text("kr270.urdf").replace('velocity="0"', 'velocity="1.5"', 2)
+    (tmp_path / "kr270.urdf").write_text(urdf)
+    assert calib.load_cell(cell.path).robot.speeds[:2] == pytest.approx([1.5, np.pi / 2])
 
 
 def test_excluded_causes_are_not_asked(tmp_path: Path, table_two: Poses) -> None:
@@ -104,55 +133,6 @@ def test_geometry_at_places_leaves_its_parts_elsewhere_in_the_contest(
     for kind, ends in (("joint_offset", ()), ("link_geometry", ("tool0",))):
         places = {key.partition(":")[2] for key in here if key.startswith(f"{kind}:")}
         assert places == {*cell.robot.joints, *ends} - {"A2", "A4", "tool0"}
-
-
-def test_keys_have_units_and_fields_are_in_si(tmp_path: Path) -> None:
-    more = (
-        "[timing]\nspeed_percent = 20\nload_change_min = 3\nread_s = 4\n"
-        "[payload]\ncom_mm = [1, 2, 3]\n"
-        "[robot.speed_deg_s]\nA2 = 90\nA6 = 180\n[robot.acceleration_deg_s2]\nA1 = 360\n"
-    )
-    cell = cell_with(tmp_path, more=more)
-    assert cell.load == Load(250.0, (0.3, 0.0, 0.15), cell.load.max_tilt if cell.load else 0.0)
-    assert cell.pace == Pace(speed=0.2, load=180.0, reading=4.0)
-    assert cell.payload.com == pytest.approx((1e-3, 2e-3, 3e-3), rel=1e-15)
-    np.testing.assert_allclose(cell.robot.speeds, [np.nan, np.pi / 2, *[np.nan] * 3, np.pi])
-    np.testing.assert_allclose(cell.robot.accelerations, [2 * np.pi, *5 * [np.nan]])
-    urdf = embedded_text("kr270.urdf").replace('velocity="0"', 'velocity="1.5"', 2)
-    (tmp_path / "kr270.urdf").write_text(urdf)
-    assert calib.load_cell(cell.path).robot.speeds[:2] == pytest.approx([1.5, np.pi / 2])
-    assert np.isnan(cell_with(tmp_path).robot.speeds).all()
-
-
-CAMERA = (
-    "[boards.b]\non = 'tip'\nsquares = [9, 6]\npitch_mm = 30\n[instruments.cam]\nkind = 'camera'\n"
-    "focal_px = 1200\ncenter_px = [640, 480]\nsigma_px = 0.1\n"
-)
-TRACKER = "[instrument]\nsigma_mm = 0.010"
-REFUSED = [
-    (excluding("backlsh:A3"), "", "",
-     r"unknown effect 'backlsh' in \[diagnosis\] exclude; did you mean 'backlash'"),
-    (excluding("base_compliance:bse"), "", "",
-     r"no place 'bse' in \[diagnosis\] exclude; did you mean 'base'"),
-    (excluding("backlash:elbow"), "", "",
-     r"no place 'elbow' in \[diagnosis\] exclude; places are: A1, A2"),
-    (excluding("geometry"), "", "", r"'geometry' in \[diagnosis\] exclude is no cause"),
-    # The place is keys alone, whatever forms a value may have.
-    ("", TRACKER, CAMERA.replace("1200", '"long"'), r"instruments.cam.focal_px\b(?!.*\[)"),
-    ("", TRACKER, CAMERA + "intrinsics_std = { distortion = true }\n",
-     r"instruments.cam.intrinsics_std\b"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("more", "old", "new", "said"), REFUSED)
-def test_what_a_cell_refuses_in_one_line(
-    tmp_path: Path, more: str, old: str, new: str, said: str
-) -> None:
-    with pytest.raises(InputError, match=said) as caught:
-        cell_with(tmp_path, more=more, old=old, new=new)
-    assert "\n" not in str(caught.value)
-    assert "[" not in str(caught.value.where)
-    assert caught.value.where == "diagnosis.exclude" or not more
 
 
 # -- Instruments that touch

@@ -189,8 +189,18 @@ def outside(points: Array, a: Array, b: Array, radius: float) -> float:
     return float(np.linalg.norm(points - a - t[:, None] * along, axis=1).max() - radius)
 
 
-@pytest.mark.parametrize("size", [(1, 1, 1), (1, 0.2, 0.1), (1, 1, 0.02), (0, 0, 1), (0, 0, 0)])
-def test_a_capsule_holds_its_points_and_little_more(size: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    ("size", "share"),
+    [
+        ((1, 1, 1), 0.66),
+        ((1, 0.2, 0.1), 0.99),
+        ((1, 1, 0.02), 0.86),
+        ((0, 0, 1), 1),
+        ((0, 0, 0), 1),
+    ],
+)
+def test_a_capsule_holds_its_points_and_little_more(size: tuple[float, ...], share: float) -> None:
+    """share : of the volume of a capsule along the longest edge of the box of points"""
     rng = np.random.default_rng(1)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     points = rng.uniform(-1.0, 1.0, (400, 3)) * size @ turn + [3.0, 0.0, -2.0]
@@ -198,6 +208,13 @@ def test_a_capsule_holds_its_points_and_little_more(size: tuple[float, ...]) -> 
     assert outside(points, start, end, radius) <= 0.0
     assert radius <= 1.45 * np.linalg.norm(np.sort(size)[:2]) + 1e-6
     assert np.linalg.norm(end - start) <= 2.05 * np.linalg.norm(size)
+    thick, wide, long = 2.0 * np.sort(size)
+    usual = volume(long, 0.5 * float(np.hypot(thick, wide)))
+    assert volume(float(np.linalg.norm(end - start)), radius) <= share * usual + 1e-16
+
+
+def volume(length: float, radius: float) -> float:
+    return float(np.pi * radius**2 * (length + 4.0 / 3.0 * radius))
 
 
 @pytest.mark.parametrize("more", ["", "capsules_mm = {}\n"])

@@ -113,7 +113,6 @@ def test_loaded_milling_arm_meets_its_targets_as_expected(kr270: Cell, table_two
     known = estimate_of(calib.identify(kr270, data))
     found = calib.compensate(kr270, known, kr270_targets(kr270, 60, 1))
     places, corrected = wanted(known, found), replace(found.targets, q=found.q)
-    assert found.targets.load_mass.min() == 250.0
     before, after = (missed(model.predict(truth, p), places) for p in (found.targets, corrected))
     met = found.left < 1e-7
     assert met.mean() > 0.9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,6 +79,17 @@ def day(truth: Path, robot: Robot, runs: int, seed: int, noise: float = 0.05) ->
     return Motions(tuple(found))
 
 
+def cell_of(path: Path) -> Cell:
+    robot = Robot.from_mjcf(path, "base", "tip")
+    return Cell(robot, {"m": (0.1, 0.0, 0.0)}, gravity=np.array([0.3, -0.2, -9.7]))
+
+
+def diagnosed(plain: Path, truth: Path, seed: int = 1) -> MotionDiagnosis:
+    """What six runs of one arm say to the file of another."""
+    cell = cell_of(plain)
+    return diagnose_motions(cell, day(truth, cell.robot, 6, seed))
+
+
 @pytest.mark.parametrize("third", ["hinge", "slide"])
 def test_the_regressor_is_mujocos_inverse_dynamics(tmp_path: Path, third: str) -> None:
     path = arm(tmp_path, third=third)
@@ -89,41 +101,53 @@ def test_the_regressor_is_mujocos_inverse_dynamics(tmp_path: Path, third: str) -
 
 def test_losses_of_the_file_are_in_the_model(tmp_path: Path) -> None:
     path = arm(tmp_path, j2='damping="3" frictionloss="2" armature=".5"')
-    found = diagnose_motions(cell_of(path), day(path, Robot.from_mjcf(path, "base", "tip"), 6, 0))
+    found = diagnosed(path, path, 0)
     assert found.verdict == "no_gap"
     assert not found.causes
 
 
-def cell_of(path: Path) -> Cell:
-    return Cell(
-        Robot.from_mjcf(path, "base", "tip"),
-        {"m": (0.1, 0.0, 0.0)},
-        gravity=np.array([0.3, -0.2, -9.7]),
-    )
+NAMED: list[tuple[dict[str, str], dict[tuple[str, str], float]]] = [
+    ({"j2": 'armature=".6"'}, {("armature", "j2"): 0.6}),
+    (
+        {"j2": 'damping="3" armature=".6" frictionloss="1.5"'},
+        {
+            ("viscous_friction", "j2"): 3.0,
+            ("armature", "j2"): 0.6,
+            ("coulomb_friction", "j2"): 1.5,
+        },
+    ),
+    (
+        {"j1": 'frictionloss="1.5"', "j4": 'frictionloss=".7"'},
+        {("coulomb_friction", "j1"): 1.5, ("coulomb_friction", "j4"): 0.7},
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({"j2": 'armature=".6"'}, {("armature", "j2"): 0.6}),
-        ({"j3": 'damping="2.5"'}, {("viscous_friction", "j3"): 2.5}),
-        ({"j2": 'damping="3" armature=".6"'},
-         {("viscous_friction", "j2"): 3.0, ("armature", "j2"): 0.6}),
-        ({"j1": 'frictionloss="1.5"', "j4": 'frictionloss=".7"'},
-         {("coulomb_friction", "j1"): 1.5, ("coulomb_friction", "j4"): 0.7}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "expected"), NAMED)
 def test_what_mujoco_put_in_is_named(
     tmp_path: Path, change: dict[str, str], expected: dict[tuple[str, str], float]
 ) -> None:
-    plain, truth = arm(tmp_path), arm(tmp_path, **change)
-    found = diagnose_motions(
-        cell_of(plain), day(truth, Robot.from_mjcf(plain, "base", "tip"), 6, 1)
-    )
-    assert {(own.effect, own.where) for own in found.causes} == set(expected)
-    for own in found.causes:
-        first = own.parameters[0]
-        assert first.value == pytest.approx(expected[own.effect, own.where], rel=0.1)
+    are_named(diagnosed(arm(tmp_path), arm(tmp_path, **change)), expected)
+
+
+def are_named(found: MotionDiagnosis, expected: dict[tuple[str, str], float]) -> None:
+    """These causes and no others, of these sizes, each beyond doubt."""
+    values = {(own.effect, own.where): own.parameters[0].value for own in found.causes}
+    assert values == pytest.approx(expected, rel=0.1)
+    assert all(own.standing == "established" for own in found.causes)
+
+
+def test_one_term_is_named_and_the_result_is_its_json(tmp_path: Path) -> None:
+    found = diagnosed(arm(tmp_path), arm(tmp_path, j3='damping="2.5"'))
+    are_named(found, {("viscous_friction", "j3"): 2.5})
+    made = MotionResult.of(found, MADE_FROM)
+    assert MotionResult.model_validate_json(made.to_json()) == made
+    assert made.gap.unit == "percent"
+    names = {"floor_mm", "heldout_before_mm", "heldout_after_mm", "joints"}
+    assert names <= made.gap.model_dump().keys()
+    assert all(own.depends_on and own.share_of_gap for own in made.located)
+    assert set(made.gap.joints) == {"j1", "j2", "j3", "j4"}
+    assert "The torques need" in made.summary()
 
 
 BEFORE, AFTER = np.array([-0.05, 0.3, 0.0]), np.array([0.12, 0.02, 0.0])
@@ -152,10 +176,7 @@ def test_a_spring_between_stated_anchors_is_named(tmp_path: Path) -> None:
 
 
 def test_a_wrong_mass_is_inertials_or_payload(tmp_path: Path) -> None:
-    plain, truth = arm(tmp_path), arm(tmp_path, mass=7.5)
-    found = diagnose_motions(
-        cell_of(plain), day(truth, Robot.from_mjcf(plain, "base", "tip"), 6, 2)
-    )
+    found = diagnosed(arm(tmp_path), arm(tmp_path, mass=7.5), 2)
     assert [own.effect for own in found.causes] == ["inertials"]
     assert found.verdict == "explained"
     assert found.crossed.after[1] < 0.1 * found.crossed.before[1]
@@ -194,9 +215,9 @@ def test_filtering_gives_derivatives() -> None:
 # -- tables --------------------------------------------------------------------------------------
 
 
-def written(
-    folder: Path, motions: Motions, joints: tuple[str, ...], lines: list[str] | None = None
-) -> Path:
+def written(folder: Path, motions: Motions, lines: list[str] | None = None) -> Path:
+    """The table of the arm's motions; lines : others in place of its rows."""
+    joints = ("j1", "j2", "j3", "j4")
     head = ["session", "time_s", *(f"{j}_rad" for j in joints), *(f"{j}_Nm" for j in joints)]
     rows = [
         ",".join([run.name, *(f"{x:.8g}" for x in (t, *q, *e))])
@@ -204,18 +225,16 @@ def written(
         for t, q, e in zip(run.time, run.q, run.effort, strict=True)
     ]
     path = folder / "motion.csv"
-    path.write_text("\n".join([",".join(head), *(lines or rows)]) + "\n")
+    path.write_text("\n".join([",".join(head), *(rows if lines is None else lines)]) + "\n")
     return path
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
-    path = arm(tmp_path)
-    cell = cell_of(path)
-    motions = day(path, cell.robot, 2, 6)
-    file = written(tmp_path, motions, cell.robot.joints)
+    cell = cell_of(arm(tmp_path))
+    motions = day(arm(tmp_path), cell.robot, 2, 6)
+    file = written(tmp_path, motions)
     assert holds_motions(file)
-    again = load_motions(cell, file)
-    for one, other in zip(motions.runs, again.runs, strict=True):
+    for one, other in zip(motions.runs, load_motions(cell, file).runs, strict=True):
         assert np.allclose(one.q, other.q, atol=1e-7)
         assert np.allclose(one.effort, other.effort, rtol=1e-7)
 
@@ -241,41 +260,35 @@ def still(row: str) -> str:
         (lambda rows: [], "has a header and no rows; add the samples"),
     ],
 )
-def test_wrong_tables_are_refused_in_one_line(tmp_path: Path, edit: object, said: str) -> None:
-    path = arm(tmp_path)
-    cell = cell_of(path)
-    rows = (
-        written(tmp_path, day(path, cell.robot, 1, 7), cell.robot.joints)
-        .read_text()
-        .splitlines()[1:]
-    )
+def test_wrong_tables_are_refused_in_one_line(
+    tmp_path: Path, edit: Callable[[list[str]], list[str]], said: str
+) -> None:
+    cell = cell_of(arm(tmp_path))
+    path = written(tmp_path, day(arm(tmp_path), cell.robot, 1, 7))
+    rows = path.read_text().splitlines()[1:]
     with pytest.raises(InputError, match=said):
-        load_motions(cell, written(tmp_path, Motions(()), cell.robot.joints, edit(rows)))  # type: ignore[operator]
+        load_motions(cell, written(tmp_path, Motions(()), edit(rows)))
 
 
 def test_two_rates_and_standing_runs_are_said(tmp_path: Path) -> None:
-    path = arm(tmp_path)
-    cell = cell_of(path)
-    one, two = day(path, cell.robot, 2, 8).runs
+    cell = cell_of(arm(tmp_path))
+    one, two = day(arm(tmp_path), cell.robot, 2, 8).runs
     half = len(one) // 2
-    slower = Run(
-        "a", *(np.concatenate([own[:half], own[half::2]]) for own in (one.time, one.q, one.effort))
-    )
+    slower = (np.concatenate([own[:half], own[half::2]]) for own in (one.time, one.q, one.effort))
     still = Run("b", two.time, np.zeros_like(two.q), two.effort)
-    found = load_motions(cell, written(tmp_path, Motions((slower, still)), cell.robot.joints))
+    found = load_motions(cell, written(tmp_path, Motions((Run("a", *slower), still))))
     assert found.names == ("a",)
     assert any("two rates" in text for text in found.warnings)
     assert any("stands still" in text for text in found.warnings)
 
 
 def test_a_silent_sensor_and_motions_that_hardly_move(tmp_path: Path) -> None:
-    path = arm(tmp_path, j2='damping="3"')
     cell = cell_of(arm(tmp_path))
-    motions = day(path, cell.robot, 5, 9)
-    silent = [Run(r.name, r.time, r.q, r.effort * [1.0, 1.0, 1.0, 0.0]) for r in motions.runs]
+    runs = day(arm(tmp_path, j2='damping="3"'), cell.robot, 5, 9).runs
+    silent = [replace(run, effort=run.effort * [1.0, 1.0, 1.0, 0.0]) for run in runs]
     found = diagnose_motions(cell, Motions(tuple(silent)))
     assert ("viscous_friction", "j2") in {(own.effect, own.where) for own in found.causes}
-    slow = [Run(r.name, r.time, r.q * 1e-4, r.effort) for r in motions.runs]
+    slow = [replace(run, q=run.q * 1e-4) for run in runs]
     with pytest.raises(CalibError, match="no joint moves faster"):
         diagnose_motions(cell, Motions(tuple(slow)))
 
@@ -324,21 +337,6 @@ def test_a_real_arm_needs_friction_armature_and_other_links(ur10e: tuple[Cell, M
     assert found.constants is not None
     # Constants quoted for an UR10, which is another arm: 14.87 13.26 11.13 10.62 11.03 11.47 Nm/A.
     assert np.all((found.constants[:5, 0] > 5.0) & (found.constants[:5, 0] < 20.0))
-
-
-def test_the_result_is_its_json(tmp_path: Path) -> None:
-    plain, truth = arm(tmp_path), arm(tmp_path, j3='damping="2.5"')
-    cell = cell_of(plain)
-    made = MotionResult.of(diagnose_motions(cell, day(truth, cell.robot, 6, 1)), MADE_FROM)
-    again = MotionResult.model_validate_json(made.to_json())
-    assert again == made
-    assert made.gap.unit == "percent"
-    assert {"floor_mm", "heldout_before_mm", "heldout_after_mm", "joints"} <= {
-        *made.gap.model_dump()
-    }
-    assert all(own.depends_on and own.share_of_gap for own in made.located)
-    assert set(made.gap.joints) == set(cell.robot.joints)
-    assert "The torques need" in made.summary()
 
 
 @pytest.mark.long

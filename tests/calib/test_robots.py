@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,8 @@ from calib.errors import InputError
 from calib.files.mjcf import load_mjcf
 from calib.files.robot_out import corrected_robot
 from calib.poses import poses_at
+from tests.bad_inputs.edits import Edit, swap
+from tests.bad_inputs.faults import SERIAL, tied
 from tests.calib.test_trees import body_positions, felt
 from tests.helpers import GRAVITY, cell_text
 from tests.plain_arm import dh_pose
@@ -118,91 +118,29 @@ def test_a_mesh_gives_its_mass_where_nothing_else_does(tmp_path: Path) -> None:
         load_mjcf(tmp_path / "arm.xml", "base", "tip")
 
 
-# -- What is no serial chain is refused in one line
-
-GOOD = """<mujoco><compiler angle="radian"/><worldbody><body name="base">
-<body name="link" pos="0 0 1"><joint name="j1" range="-1 1"/><geom size="0.1"/>
-<body name="hand" pos="0 0 1"><joint name="j2" axis="1 0 0"/><geom size="0.1"/><site name="tip"/>
-</body></body></body></worldbody></mujoco>"""
-FINGER = '<body name="finger"><joint name="finger"/><geom size="0.1"/></body>'
-Edit = Callable[[str], str]
+# -- What does not touch the chain
 
 
-def swap(old: str, new: str) -> Edit:
-    def edit(text: str) -> str:
-        assert old in text
-        return text.replace(old, new, 1)
-
-    return edit
-
-
-def equality(inside: str, more: str = "") -> Edit:
-    return swap("</mujoco>", f"<equality>{inside}</equality>{more}</mujoco>")
-
-
-def included(file: str) -> Edit:
-    return swap("<compiler", f'<include file="{file}"/><compiler')
-
-
-TENDON = '<tendon><fixed name="t"><joint joint="j2" coef="1"/></fixed></tendon>'
-BAD: list[tuple[Edit, str]] = [
-    (lambda _: "<robot/>", "<robot>: is not an MJCF; name a file that holds"),
-    (included("no.xml"), "is refused by MuJoCo: .*no.xml"),
-    (included("arm.xml"), "is refused by MuJoCo: .*already included"),
-    (swap('"base"', '"bas"'), "no body or site 'base'; set .* to one of: world, bas, link"),
-    (swap('name="j2"', 'type="ball"'),
-     "joint 1 of hand: type 'ball' is not supported; use joints that turn or slide"),
-    (swap('name="j2"', ""), "joint 1 of hand: has no name"),
-    (equality('<joint joint1="j1" joint2="j2"/>'),
-     "equality <joint>: constrains joint 'j1' and joint 'j2'; closed loops and coupled"),
-    (equality('<connect body1="hand" anchor="0 0 0"/>'),
-     "equality <connect>: constrains body 'hand'"),
-    (lambda t: equality('<weld site1="tip" site2="x"/>')(
-        swap("</worldbody>", '<site name="x"/></worldbody>')(t)), "<weld>: constrains site 'tip'"),
-    (equality('<tendon tendon1="t"/>', TENDON), "equality <tendon>: constrains tendon 't'"),
-    (swap("0 0 1", "0 nan 1"), "holds numbers that are not finite|refused by MuJoCo"),
-    (swap("axis=", "axes="), "refused by MuJoCo: .*unrecognized attr.*'axes'"),
-    (swap("-1 1", "1 -1"), "joint j1 limit: lower 1.0 is above upper -1.0"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("case", range(len(BAD)))
-def test_what_is_no_serial_chain_is_refused_in_one_line(
-    tmp_path: Path, case: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    edit, message = BAD[case]
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    path = folder / "arm.xml"
-    path.write_text(GOOD)
-    assert load_mjcf(path, "base", "tip").dof == 2
-    path.write_text(edit(GOOD))
-    with pytest.raises(InputError) as caught:
-        load_mjcf(path, "base", "tip")
-    said = str(caught.value)
-    assert re.search(message, said), said
-    assert "\n" not in said
-    assert said.startswith(str(folder))
-    assert [p.name for p in folder.iterdir()] == ["arm.xml"], "MuJoCo writes no log"
+def named(body: str) -> str:
+    return f'<body name="{body}"><joint name="{body}"/><geom size="0.1"/></body>'
 
 
 @pytest.mark.parametrize(
     "edit",
     [
-        equality('<joint joint1="j1" joint2="j2" active="false"/>'),
-        lambda t: equality(
-            '<joint joint1="finger" joint2="thumb"/>'
-            '<connect body1="hand" body2="finger" anchor="0 0 0"/>'
-        )(swap("<site", FINGER + FINGER.replace("finger", "thumb") + "<site")(t)),
-        swap('<body name="base">', f'<body name="base">{FINGER}'),
+        tied('joint joint1="j1" joint2="j2" active="false"'),
+        swap('<body name="base">', f'<body name="base">{named("finger")}'),
+        lambda text: tied(
+            'joint joint1="thumb" joint2="gripper"/>'
+            '<connect body1="hand" body2="thumb" anchor="0 0 0"'
+        )(swap("<site", named("thumb") + named("gripper") + "<site")(text)),
         swap('<body name="base">', '<freejoint/><geom size="1"/><body name="base">'),
     ],
-    ids=["inactive", "in the gripper", "a second arm", "a base that floats"],
+    ids=["inactive", "a second arm", "in the gripper", "a base that floats"],
 )
 def test_what_does_not_touch_the_chain_is_left_out(tmp_path: Path, edit: Edit) -> None:
     path = tmp_path / "arm.xml"
-    on_cart = swap('<body name="base">', '<body name="cart"><body name="base">')(GOOD)
+    on_cart = swap('<body name="base">', '<body name="cart"><body name="base">')(SERIAL)
     path.write_text(edit(swap("</worldbody>", "</body></worldbody>")(on_cart)))
     assert load_mjcf(path, "base", "tip").joints == ("j1", "j2")
 
@@ -210,7 +148,7 @@ def test_what_does_not_touch_the_chain_is_left_out(tmp_path: Path, edit: Edit) -
 def test_without_mujoco_one_line_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "arm.xml").write_text(GOOD)
+    (tmp_path / "arm.xml").write_text(SERIAL)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     said = r"needs MuJoCo, which is not installed; pip install '\.\[sim\]'$"
     with pytest.raises(InputError, match=said):

@@ -38,11 +38,12 @@ from tests.trees import random_mjcf
 
 Read = Callable[[Path, bytes], object]
 
-
 PART = "\n#----\n"
-
-
 """Between the files of an input that holds several."""
+CELL = embedded_cell()
+DATA = simulated(CELL, embedded_plan(CELL), 0)[0]
+MODEL = build(CELL, DATA.poses).model
+POSES = embedded_plan(CELL).take([0, 7])
 
 
 def put(folder: Path, name: str, content: bytes) -> Path:
@@ -58,13 +59,7 @@ def parts(content: bytes) -> tuple[bytes, bytes]:
     return first, second
 
 
-CELL = embedded_cell()
-
-
-DATA = simulated(CELL, embedded_plan(CELL), 0)[0]
-
-
-MODEL = build(CELL, DATA.poses).model
+# -- Readers
 
 
 def cell(folder: Path, content: bytes) -> object:
@@ -120,6 +115,23 @@ def whole(folder: Path, content: bytes) -> object:
     own = calib.load_cell(put(folder, "cell.toml", head))
     return calib.identify(own, calib.load_measurements(own, put(folder, "data.csv", table)))
 
+
+def mjcf(folder: Path, content: bytes) -> object:
+    """Read the chain."""
+    main, other = parts(content)
+    path = put(folder, "arm.xml", main)
+    put(folder, "part.xml", other)
+    return load_mjcf(path, "base", "tip")
+
+
+def estimate(folder: Path, content: bytes) -> object:
+    """What ``posecal compensate`` does with a result."""
+    known = load_estimate(CELL, put(folder, "result.json", content))
+    found = calib.compensate(CELL, known, POSES)
+    return CompensateResult.of(found, CELL, envelope(CELL.name, [])).to_json()
+
+
+# -- Inputs
 
 EVERY_KEY = """\
 schema = 1
@@ -185,21 +197,21 @@ exclude = ["gravity_compensator", "backlash:A3"]
 effects = ["base", "tool", "geometry", "stiffness_vs_angle:A2", "joint_compliance:A3,A4"]
 knots_deg = { A2 = [-140.0, -56.9, -0.01] }
 """
+_RIGID = (
+    embedded_text("cell.toml")
+    .replace('"geometry", ', "")
+    .replace(', "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"', ', "joint_offset"')
+)
+_JOINTS = "A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg"
+_AT = ("10,-90,80,5,-30,0", "-20,-45,100,15,30,90")
 
 
 def _table(columns: str, *rows: str) -> str:
     return "\n".join([columns, *rows, ""])
 
 
-_JOINTS = "A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg"
-
-
-_AT = ("10,-90,80,5,-30,0", "-20,-45,100,15,30,90")
-
-
+_MANY = measurements_csv(CELL, DATA)
 _FEW = measurements_csv(CELL, DATA.take([0, 1, 15]))
-
-
 _SESSION = _table(
     f"pose,marker,{_JOINTS},x_m,y_m,z_m,time_s,temperature_degC,station,sigma_mm,"
     + ",".join(f"approach_A{k}" for k in range(1, 7)),
@@ -209,14 +221,10 @@ _SESSION = _table(
         for m in (1, 2, 3)
     ),
 )
-
-
 _PLANS = (
     embedded_text("plan.csv"),
     _table(f"pose,{_JOINTS},fx_N,fz_N,level", *(f"p{i},{_AT[i]},0,-2450,-90" for i in (0, 1))),
 )
-
-
 _OPTIONS = (
     "levels=A2=5x3",
     "levels=A2=-140,-57,-10x3",
@@ -227,91 +235,37 @@ _OPTIONS = (
     "of=joint_compliance:A6,geometry",
     f"sum={MODEL.parameters[0].id}=0.5,{MODEL.parameters[-1].id}=-2",
 )
-
-
-_RIGID = (
-    embedded_text("cell.toml")
-    .replace('"geometry", ', "")
-    .replace(', "stiffness_vs_angle:A2", "joint_compliance:A3,A4,A5,A6"', ', "joint_offset"')
-)
-
-
-_MANY = measurements_csv(CELL, DATA)
-
-
-def mjcf(folder: Path, content: bytes) -> object:
-    """Read the chain."""
-    main, other = parts(content)
-    path = put(folder, "arm.xml", main)
-    put(folder, "part.xml", other)
-    return load_mjcf(path, "base", "tip")
-
-
-_OUTER = """\
+_MJCF = """\
 <mujoco><include file="part.xml"/>
-  <worldbody><body name="base"><include file="./part.xml"/><joint name="j0"/><geom size="0.1"/>
+  <worldbody><body name="base"><joint name="j0"/><geom size="0.1"/>
     <body name="tip"><joint name="j1"/><geom type="box" size="0.1 0.1 0.1"/></body></body></worldbody>
 </mujoco>
 """
-
-
-_INNER = (
+_INCLUDED = (
     '<mujocoinclude><option timestep="0.01"/><default><geom density="9"/></default></mujocoinclude>'
 )
+_ARMS = [
+    random_mjcf(np.random.default_rng(1), 3, "site"),
+    random_mjcf(np.random.default_rng(2), 3, "link"),
+]
 
 
-MJCF = (
-    _OUTER.replace('<include file="./part.xml"/>', "") + PART + _INNER,
-    *(
-        random_mjcf(np.random.default_rng(i), 3, tip) + PART
-        for i, tip in ((1, "site"), (2, "link"))
-    ),
-)
-
-
-POSES = embedded_plan(CELL).take([0, 7])
-
-
-def estimate(folder: Path, content: bytes) -> object:
-    """What ``posecal compensate`` does with a result."""
-    known = load_estimate(CELL, put(folder, "result.json", content))
-    found = calib.compensate(CELL, known, POSES)
-    return CompensateResult.of(found, CELL, envelope(CELL.name, [])).to_json()
-
-
-def _result(command: str, effects: tuple[str, ...]) -> str:
+def _result(command: str, *effects: str) -> str:
     """A result as far as ``compensate`` reads it."""
     model = build(replace(CELL, effects=effects), POSES).model
-    values = 0.1 * model.sizes
-    own = Estimate(
-        model,
-        values,
-        np.diag(0.01 * model.sizes**2),
-        0.0,
-        ModelDiscrepancy(1e-5, "fitted poses"),
-        (model.parameters[0].id,),
-        ("a note",),
-    )
-    inputs = [
-        {"file": str(path), "sha256": sha256(path)} for path in (CELL.path, *CELL.robot_files)
-    ]
+    spread, left = np.diag(0.01 * model.sizes**2), ModelDiscrepancy(1e-5, "fitted poses")
+    lost = (model.parameters[0].id,)
+    own = Estimate(model, 0.1 * model.sizes, spread, 0.0, left, lost, ("a note",))
+    files = (CELL.path, *CELL.robot_files)
+    inputs = [{"file": str(path), "sha256": sha256(path)} for path in files]
     head = {"schema": 1, "command": command, "inputs": inputs}
     return json_text({**head, "estimate": Estimated.of(own).model_dump(by_alias=True)})
 
 
-ESTIMATES = (
-    _result("identify", ("base", "tool", "joint_offset")),
-    _result("identify", CELL.effects),
-    _result(
-        "diagnose",
-        (
-            "base",
-            "joint_offset:A2",
-            "backlash:A1",
-            "transmission_harmonic:A3",
-            "joint_compliance:A2",
-        ),
-    ),
+_ESTIMATES = (
+    _result("identify", "base", "tool", "joint_offset"),
+    _result("identify", *CELL.effects),
+    _result("diagnose", "base", "joint_offset:A2", "backlash:A1", "transmission_harmonic:A3"),
 )
 
 READERS: dict[str, tuple[Read, tuple[str, ...]]] = {
@@ -323,6 +277,6 @@ READERS: dict[str, tuple[Read, tuple[str, ...]]] = {
     "targets": (targets, (*_PLANS, _PLANS[1].replace("level", "weight").replace(",-90\n", ",2\n"))),
     "options": (options, _OPTIONS),
     "whole": (whole, (f"{_RIGID}{PART}{_MANY}", f"{EVERY_KEY}{PART}{_MANY}")),
-    "mjcf": (mjcf, MJCF),
-    "estimate": (estimate, ESTIMATES),
+    "mjcf": (mjcf, (_MJCF + PART + _INCLUDED, *(arm + PART for arm in _ARMS))),
+    "estimate": (estimate, _ESTIMATES),
 }

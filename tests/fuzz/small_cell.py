@@ -50,24 +50,16 @@ URDF = """\
 """
 _PLACES = ((-600, 40), (-300, -80), (0, 0), (350, 70), (500, -30), (800, 20), (650, 85), (-600, 40))
 _COMMANDS = (
-    ("identify cell.toml data.csv --holdout 0.3", "identified"),
-    ("diagnose cell.toml data.csv", "diagnosed"),
-    ("diagnose cell.toml plan.csv --plan-only", "sight"),
-    ("design cell.toml --candidates 40", "designed"),
-    ("compare cell.toml plan.csv --monte-carlo 10 --workers 1", "compared"),
-    ("enough cell.toml data.csv --plan plan.csv --goal-mm 0.1", "enough"),
-    ("compensate cell.toml identified.json targets.csv", "compensated"),
+    ("identified", "identify", "identify cell.toml data.csv --holdout 0.3"),
+    ("diagnosed", "diagnose", "diagnose cell.toml data.csv"),
+    ("sight", "plan", "diagnose cell.toml plan.csv --plan-only"),
+    ("designed", "design", "design cell.toml --candidates 40"),
+    ("compared", "compare", "compare cell.toml plan.csv --monte-carlo 10 --workers 1"),
+    ("enough", "enough", "enough cell.toml data.csv --plan plan.csv --goal-mm 0.1"),
+    ("compensated", "compensate", "compensate cell.toml identified.json targets.csv"),
 )
 
-KINDS = {
-    "identified": "identify",
-    "diagnosed": "diagnose",
-    "sight": "plan",
-    "designed": "design",
-    "compared": "compare",
-    "enough": "enough",
-    "compensated": "compensate",
-}
+KINDS = {own: kind for own, kind, _ in _COMMANDS}
 """Kind of the result, by the name that it has here."""
 
 
@@ -90,7 +82,7 @@ def _made() -> tuple[dict[str, str], dict[str, Any]]:
         _write(folder, texts)
         texts["data.csv"] = _data(folder)
         _write(folder, texts)
-        results = {own: _result(folder, line, own) for line, own in _COMMANDS}
+        results = {own: _result(folder, line, own) for own, _, line in _COMMANDS}
         return texts, results
 
 

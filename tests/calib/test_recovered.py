@@ -113,12 +113,6 @@ def test_recovered_on_an_arm_with_a_slide_and_known_geometry(effect: str) -> Non
 
 def test_scale_of_the_measured_wrench_needs_another_weight(kr270: Cell) -> None:
     """The links' own weight pins the compliances; without it load and compliance are one product."""
-    cell, data, truth = soft_day(kr270, "payload:payload")
-    result = calib.identify(cell, data)
-    names = [p.name for p in result.model.parameters if p.effect == "payload"]
-    assert names == ["scale", "com_x", "com_y", "com_z"]
-    assert result.status == "converged"
-    assert pulls(result, truth, "payload").max() < 4.0
     light = replace(kr270, robot=replace(kr270.robot, masses=np.zeros(6)))
     result = calib.identify(*soft_day(light, "payload")[:2])
     ((name, reason),) = lost(result).items()

@@ -89,9 +89,7 @@ FACTORS: dict[str, tuple[Callable[[Poses], Array], str]] = {
 
 
 @pytest.mark.parametrize("by", FACTORS)
-def test_a_wrong_shape_is_doubted_with_what_it_varies_with(
-    by: str,
-) -> None:
+def test_a_wrong_shape_is_doubted_with_what_it_varies_with(by: str) -> None:
     """Backlash whose size varies by half of itself."""
     (factor, depends_on), (stage, fit, effect) = FACTORS[by], fitted("backlash:A3")
     rng = np.random.default_rng(2)
@@ -105,26 +103,22 @@ def test_a_wrong_shape_is_doubted_with_what_it_varies_with(
     assert all(doubt.also_there for doubt in doubts)
 
 
-def interleaved(*tables: Measurements) -> list[Measurements]:
-    """Two tables that were read in turn, as parts of the one that they would have been."""
+def settling(noncentrality: float, seed: int) -> tuple[Cell, list[Measurements]]:
+    """The elbow is read before it was at rest; two tables that were read in turn."""
+    cell, *tables, _ = day("light", "settling:elbow", noncentrality, seed=seed)
     q, time = (np.concatenate([getattr(t.poses, own) for t in tables]) for own in ("q", "time"))
     whole, count = with_moves(poses_at(q, time=time)), len(tables[0])
     parts = whole.take(slice(count)), whole.take(slice(count, None))
-    return [
-        replace(
-            t,
-            poses=replace(
-                t.poses, approach=p.approach, motion=p.motion, start=p.start, order=p.order
-            ),
-        )
-        for t, p in zip(tables, parts, strict=True)
+    moves = (
+        "approach",
+        "motion",
+        "start",
+        "order",
+    )  # as of the one table that they would have been
+    return cell, [
+        replace(table, poses=replace(table.poses, **{own: getattr(part, own) for own in moves}))
+        for table, part in zip(tables, parts, strict=True)
     ]
-
-
-def settling(noncentrality: float, seed: int) -> tuple[Cell, list[Measurements]]:
-    """The elbow is read before it was at rest."""
-    cell, data, heldout, _ = day("light", "settling:elbow", noncentrality, seed=seed)
-    return cell, interleaved(data, heldout)
 
 
 @pytest.mark.parametrize(("noncentrality", "seed"), [(600.0, 1), (2000.0, 2)])

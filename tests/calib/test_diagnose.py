@@ -463,7 +463,7 @@ def test_tilts_across_a_joint_and_loads() -> None:
     assert curve.directions.shape == (6, 2)
     np.testing.assert_allclose(curve.directions.T @ curve.directions, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(curve.directions[:3], 0.0)
-    assert curve.load is not None
+    np.testing.assert_array_equal(curve.load, curve.directions[:, 0])
     slope = np.polyfit(curve.variable, curve.effect[:, 0], 1)[0]
     assert slope == pytest.approx(40e-9, rel=0.25)
     assert curve.function == (True, False)  # the other tilt has a moment of its own

@@ -12,7 +12,8 @@ import pytest
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from calib.diagnosis.shape import SHAPE_ALPHA, question, shape_doubt
+from calib.diagnosis.functions import pose_variables
+from calib.diagnosis.shape import SHAPE_ALPHA, chance_of, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.model.build import context_of, place_effect
@@ -101,6 +102,19 @@ def test_a_wrong_shape_is_doubted_with_what_it_varies_with(by: str) -> None:
     assert all(doubt.stands for doubt in doubts)
     assert [doubt.depends_on for doubt in doubts].count(depends_on) >= 5
     assert all(doubt.also_there for doubt in doubts)
+
+
+def test_the_chance_of_a_false_doubt_is_shared_out(kr270: Cell) -> None:
+    """Over the angles of all joints; the rest is for what else is known of the readings."""
+    robot = kr270.robot
+    for where in ("A3", "base"):
+        assert sum(chance_of(robot, joint, where) for joint in robot.joints) == pytest.approx(0.75)
+
+
+def test_a_move_counts_with_the_side_from_which_the_joint_came(kr270: Cell) -> None:
+    poses = with_moves(poses_at(kr270.robot.sobol(20)))
+    moved = pose_variables(kr270.robot, poses)["motion:A3"].at(poses)
+    np.testing.assert_allclose(moved[1:], np.diff(poses.q[:, 2]), atol=1e-12)
 
 
 def settling(noncentrality: float, seed: int) -> tuple[Cell, list[Measurements]]:

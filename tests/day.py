@@ -33,22 +33,22 @@ from studies.demo.embedded import embedded_cell
 from studies.research.bench import real_data
 from studies.research.sealed.draw import Case
 from studies.research.sealed.key import write_case
-from studies.research.sealed.seal import POPULATIONS, families
 from studies.research.sealed.visible import Projector
 from studies.research.sealed.weights import chance as name_chance
 from studies.research.sealed.weights import fitted as name_weights
-from studies.research.truth.arms import ARMS, HEAVY, LIGHT, Arm, Joint
+from studies.research.truth.arms import ARMS, HEAVY, LIGHT, SCARA, SEVEN, Arm
 from studies.research.truth.conditions import Conditions
 from studies.research.truth.day import SEVEN as LIMITED_SEVEN
 from studies.research.truth.day import Floor, Setting, draw_day, write_day
+from studies.research.truth.files import csv_text, plain_cell
 from studies.research.truth.formulas import turned
 from studies.research.truth.mechanism import Action, Mechanism, State, urdf
 from studies.research.truth.scene import Scene, at_rest, draw_scene
 from tests.helpers import cell_of, read_by, with_effects
 
 __all__ = [
-    "HEAVY", "LIGHT", "LIMITED_SEVEN", "POPULATIONS", "Arm", "Floor", "Mechanism", "families",
-    "name_chance", "name_weights", "real_data",
+    "HEAVY", "LIGHT", "LIMITED_SEVEN", "SCARA", "SEVEN", "Arm", "Floor", "Mechanism", "name_chance",
+    "name_weights", "real_data",
 ]  # fmt: skip
 
 Sizes = float | tuple[float, ...]
@@ -338,26 +338,6 @@ def _exact(
 # -- Files of a user who made a mistake
 
 
-def _turning(name: str, z: float, axis: tuple[float, float, float], x: float = 0.0) -> Joint:
-    return Joint(name, (x, 0, z), axis, -2.8, 2.8, mass=1.0, com=(0, 0, 0))
-
-
-_REST = {"sigma": 1e-5, "load": 0.0, "tool": 0.1, "largest": 1e-3, "payload": 0.0}
-_UP, _ACROSS = (0, 0, 1), (0, 1, 0)
-_SLIDE = Joint("Z", (0.275, 0, 0), (0, 0, -1), 0.0, 0.2, 1.0, (0, 0, 0), slides=True)
-SCARA = Arm(
-    "scara", "base", "tool",
-    (_turning("J1", 0.2, _UP), _turning("J2", 0.05, _UP, 0.325), _SLIDE,
-     _turning("R", -0.1, (0, 0, -1))),
-    (0, 0, -0.05), (0, 0, 0), **_REST,
-)  # fmt: skip
-_HEIGHTS = (0.16, 0.18, 0.2, 0.2, 0.2, 0.2, 0.09)
-_AXES = (_UP, _ACROSS, _UP, (0, -1, 0), _UP, _ACROSS, _UP)
-SEVEN = Arm(
-    "seven", "base", "flange",
-    tuple(_turning(f"A{k}", *own) for k, own in enumerate(zip(_HEIGHTS, _AXES, strict=True), 1)),
-    (0, 0, 0.045), (0, 0, 0), **_REST,
-)  # fmt: skip
 MARKERS = np.array([[0.07, -0.02, 0.05], [-0.05, 0.06, 0.03], [-0.02, -0.08, 0.09]])
 
 
@@ -379,24 +359,19 @@ class FileDay:
 
     def written(self, folder: Path) -> Path:
         """Cell, robot and table in a folder."""
-        shown = ", ".join(f'"{effect}"' for effect in self.effects)
-        places = "\n".join(f"m{j} = {(p * 1e3).tolist()}" for j, p in enumerate(self.markers, 1))
+        effects = ", ".join(f'"{effect}"' for effect in self.effects)
+        cell = plain_cell(self.arm, self.markers, 2e-5, (), ())
         (folder / "robot.urdf").write_text(urdf(self.arm, masses=False))
-        (folder / "cell.toml").write_text(
-            f'schema = 1\nname = "day"\n[robot]\nurdf = "robot.urdf"\nbase = "{self.arm.base}"\n'
-            f'tip = "{self.arm.tip}"\n[markers_mm]\n{places}\n[instrument]\nsigma_mm = 0.02\n'
-            f"[model]\neffects = [{shown}]\n"
-        )
+        (folder / "cell.toml").write_text(cell.replace('"base", "tool", "geometry"', effects))
         turn, slide, point = self.units
         columns = [f"{j.name}_{slide if j.slides else turn}" for j in self.arm.joints]
         scale = {"deg": 180.0 / np.pi, "rad": 1.0, "mm": 1e3, "m": 1.0}
         q = self.q * [scale[column.rpartition("_")[2]] for column in columns]
-        lines = [",".join(["pose", "marker", *columns, *(f"{a}_{point}" for a in "xyz")])]
+        lines = [["pose", "marker", *columns, *(f"{a}_{point}" for a in "xyz")]]
         for i, joints in enumerate(q):
             for j, p in enumerate(self.points[i] * scale[point], 1):
-                values = ",".join(f"{v:.9f}" for v in (*joints, *p))
-                lines.append(f"p{i:03d},m{j},{values}")
-        (folder / "measurements.csv").write_text("\n".join([*lines, ""]))
+                lines.append([f"p{i:03d}", f"m{j}", *(f"{v:.9f}" for v in (*joints, *p))])
+        (folder / "measurements.csv").write_text(csv_text(lines))
         return folder
 
     def read(self, folder: Path) -> tuple[Cell, Measurements]:

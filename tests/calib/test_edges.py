@@ -17,7 +17,7 @@ import calib
 from calib import Cell, Measurements
 from calib.errors import CalibError, EffectCannotAct, InputError, TooFewPoses, UnknownEffect
 from calib.files.estimate import load_estimate
-from tests.bad_inputs.edits import Edit, added, column, effects, swap, times, whole, without
+from tests.bad_inputs.edits import Edit, added, column, effects, swap, times, whole
 
 _AXES = tuple(f"A{k}_deg" for k in range(1, 7))
 
@@ -107,8 +107,6 @@ def test_nothing_is_said_of_good_files(edit: Edit, good: Path, tmp_path: Path) -
 
 # -- What cannot be meant is refused
 
-FORCES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-
 
 def test_what_cannot_be_meant_is_refused(good: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did you mean 'sigma_mm' or 'sigma_px'"):
@@ -131,27 +129,6 @@ def test_what_cannot_be_meant_is_refused(good: Path, tmp_path: Path) -> None:
         calib.load_cell(tmp_path / "big.toml")
 
 
-def test_a_compliance_without_any_load_does_not_silently_nothing(
-    good: Path, tmp_path: Path
-) -> None:
-    def massless(text: str) -> str:
-        return re.sub(r'<mass value="\d+"/>', '<mass value="0"/>', text)
-
-    def free(text: str) -> str:
-        for name in FORCES:
-            text = without(name)(text)
-        return text
-
-    edits = {
-        "kr270": massless,
-        "measurements": free,
-        "cell": effects("base", "joint_compliance:A3"),
-    }
-    cell, table = edited(good, tmp_path, **edits)
-    with pytest.raises(EffectCannotAct, match="nothing loads the arm; give wr"):
-        calib.identify(cell, calib.load_measurements(cell, table))
-
-
 def test_a_result_of_another_robot_is_none_of_this_cell(good: Path) -> None:
     cell = calib.load_cell(good / "cell.toml")
     names = tuple(f"other{k}" for k in range(1, 7))
@@ -164,6 +141,13 @@ def test_a_result_of_another_robot_is_none_of_this_cell(good: Path) -> None:
 # -- Wrong calls from Python
 
 Q, POINTS = np.zeros((20, 6)), np.ones((20, 3, 3))
+
+
+def weightless(cell: Cell) -> Cell:
+    robot = replace(cell.robot, masses=np.zeros(6))
+    return replace(cell, robot=robot, load=None, effects=("base", "joint_compliance:A3"))
+
+
 NAN = np.nan
 EDGES: list[tuple[Callable[[Cell], Any], str]] = [
     (lambda c: calib.predict(c, np.zeros((4, 5)), {}),
@@ -182,6 +166,8 @@ EDGES: list[tuple[Callable[[Cell], Any], str]] = [
      r"points: have shape \(20, 3\), expected \(poses, markers, 3\)"),
     (lambda c: Measurements.of(Q, POINTS, sigma=np.full((20, 2), 1e-5)),
      r"sigma: has shape \(20, 2\), expected \(20, 3\) or one number"),
+    (lambda c: calib.identify(weightless(c), Measurements.of(c.robot.sobol(20), POINTS)),
+     "joint_compliance:A3 cannot act: nothing loads the arm; give wr"),
     (lambda c: calib.identify(c, "no.csv"), "no.csv: cannot be read"),
     (lambda c: calib.diagnose(c, Q), "data: .* is no Measurements; name a file"),
     (lambda c: calib.identify("cell.toml", Q), "cell: 'cell.toml' is none"),
@@ -217,8 +203,7 @@ def test_millimetres_are_warned_of(
 ) -> None:
     with pytest.warns(UserWarning, match=said):
         cell = Cell(kr270.robot, kr270.markers * times_markers, calib.Tracker(sigma=sigma))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         replace(cell, effects=("base",))
 
 

@@ -159,11 +159,11 @@ WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
     (lambda: known(zero(HEAVY, "A1", 90)), "A1 off by 90 deg", "", ()),
     (lambda: zero(HEAVY, "A3", -90), "A3 off by -90 deg", "add 90 deg to A3", ()),
     (lambda: zero(SCARA, "J2", 180, 1), "J2 off by 180 deg", "add 180 deg to J2", ()),
-    (lambda: zero(SEVEN, "A4", 90), "A4 off by 90 deg", "add -90 deg to A4", ()),
+    (lambda: zero(SEVEN, "e1", 90), "e1 off by 90 deg", "add -90 deg to e1", ()),
     (lambda: joints(HEAVY, 18, off_by(HEAVY, A2=90, A3=-90)),
      "A2 off by 90 deg and A3 off by -90 deg", "", ()),
     (lambda: joints(HEAVY, 9, swapped(HEAVY, 1, 2)), "A2 and A3 swapped", "", ()),
-    (lambda: joints(SCARA, 9, swapped(SCARA, 1, 3)), "J2 and R swapped", "", ()),
+    (lambda: joints(SCARA, 9, swapped(SCARA, 1, 3)), "J2 and J4 swapped", "", ()),
     (lambda: joints(HEAVY, 10, mixed(HEAVY, 2, 1, 1.0)), "A3 - A2", "", ()),
     (lambda: joints(SCARA, 10, mixed(SCARA, 1, 0, -1.0)), "J2 + J1", "", ()),
     (lambda: lacking("tool", "geometry"), "base taken as known", IN_MODEL, ()),
@@ -183,6 +183,11 @@ WRONG: list[tuple[Callable[[], FileDay], str, str, Sequence[int]]] = [
     (lambda: joints(HEAVY, 18, off_by(HEAVY, A2=30)), "", "", ()),
     (lambda: file_day(seed=12).with_points(exchanged_at(ALL)), "", "", ()),
     (lambda: file_day(seed=13).with_points(gross), "", "", ()),
+    # Nor is what an arm errs by, however few its poses.
+    (lambda: file_day(HEAVY, 20, markers=1), "", "", ()),
+    (lambda: file_day(SEVEN, 21, poses=12, markers=1, link=0.03), "", "", ()),
+    (lambda: file_day(SCARA, 22, link=0.1), "", "", ()),
+    (lambda: file_day(HEAVY, 22, markers=1, link=0.1), "", "", ()),
 ]  # fmt: skip
 
 
@@ -203,19 +208,6 @@ def test_poses_held_out_hide_no_shift(tmp_path: Path) -> None:
     kept, held = data.split(0.3, np.random.default_rng(0))
     with pytest.raises(ImplausibleData, match="shifted by one pose"):
         calib.identify(cell, kept, heldout=held)
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize(
-    ("arm", "markers", "seed", "poses", "link"),
-    [(HEAVY, 1, 20, 50, 0.0), (SEVEN, 1, 21, 12, 0.03), (SCARA, 3, 22, 50, 0.1),
-     (HEAVY, 1, 22, 50, 0.1)],
-)  # fmt: skip
-def test_nothing_is_said_of_an_arm_that_errs(
-    arm: Arm, markers: int, seed: int, poses: int, link: float, tmp_path: Path
-) -> None:
-    honest = file_day(arm, seed, poses=poses, markers=markers, link=link)
-    assert found(honest, tmp_path) is None
 
 
 @pytest.mark.long

@@ -20,7 +20,7 @@ from calib.diagnosis.equivalence import classes
 from calib.diagnosis.functions import neighbours
 from calib.diagnosis.gate import CrossValidation
 from calib.diagnosis.regression import RegressionProblem
-from calib.diagnosis.rest import Kind, Rest
+from calib.diagnosis.rest import Kind, Rest, rest_of
 from calib.diagnosis.search import fitted
 from calib.diagnosis.selection import lower_states, selection, start
 from calib.diagnosis.serial import chance_of_run, scattered, smooth_run
@@ -388,6 +388,16 @@ VERDICTS: list[tuple[tuple[Standing, ...], bool, Kind, VerdictName]] = [
     (("established", "likely"), False, "none", "ambiguous"),
     (("likely", "likely"), False, "none", "unknown"),
 ]
+
+
+def test_what_runs_smoothly_or_gross_poses_are_no_scatter() -> None:
+    found = diagnosed("", 0.0, 5, "6R", **SMALL)
+    for smooth, left_out, kind in (
+        (False, 0, "none"),
+        (True, 0, "structure"),
+        (False, 5, "structure"),
+    ):
+        assert rest_of(found, smooth, left_out).kind == kind
 
 
 @pytest.mark.parametrize(("standings", "more", "kind", "verdict"), VERDICTS)

@@ -12,7 +12,8 @@ import pytest
 import calib
 from calib import Cell, Measurements
 from calib.arrays import Array
-from calib.diagnosis.shape import SHAPE_ALPHA, question, shape_doubt
+from calib.diagnosis.functions import pose_variables
+from calib.diagnosis.shape import SHAPE_ALPHA, chance_of, question, shape_doubt
 from calib.diagnosis.stage import Fit, Stage
 from calib.effects.protocol import Effect
 from calib.model.build import context_of, place_effect
@@ -89,9 +90,7 @@ FACTORS: dict[str, tuple[Callable[[Poses], Array], str]] = {
 
 
 @pytest.mark.parametrize("by", FACTORS)
-def test_a_wrong_shape_is_doubted_with_what_it_varies_with(
-    by: str,
-) -> None:
+def test_a_wrong_shape_is_doubted_with_what_it_varies_with(by: str) -> None:
     """Backlash whose size varies by half of itself."""
     (factor, depends_on), (stage, fit, effect) = FACTORS[by], fitted("backlash:A3")
     rng = np.random.default_rng(2)
@@ -105,26 +104,35 @@ def test_a_wrong_shape_is_doubted_with_what_it_varies_with(
     assert all(doubt.also_there for doubt in doubts)
 
 
-def interleaved(*tables: Measurements) -> list[Measurements]:
-    """Two tables that were read in turn, as parts of the one that they would have been."""
-    q, time = (np.concatenate([getattr(t.poses, own) for t in tables]) for own in ("q", "time"))
-    whole, count = with_moves(poses_at(q, time=time)), len(tables[0])
-    parts = whole.take(slice(count)), whole.take(slice(count, None))
-    return [
-        replace(
-            t,
-            poses=replace(
-                t.poses, approach=p.approach, motion=p.motion, start=p.start, order=p.order
-            ),
-        )
-        for t, p in zip(tables, parts, strict=True)
-    ]
+def test_the_chance_of_a_false_doubt_is_shared_out(kr270: Cell) -> None:
+    """Over the angles of all joints; the rest is for what else is known of the readings."""
+    robot = kr270.robot
+    for where in ("A3", "base"):
+        assert sum(chance_of(robot, joint, where) for joint in robot.joints) == pytest.approx(0.75)
+
+
+def test_a_move_counts_with_the_side_from_which_the_joint_came(kr270: Cell) -> None:
+    poses = with_moves(poses_at(kr270.robot.sobol(20)))
+    moved = pose_variables(kr270.robot, poses)["motion:A3"].at(poses)
+    np.testing.assert_allclose(moved[1:], np.diff(poses.q[:, 2]), atol=1e-12)
 
 
 def settling(noncentrality: float, seed: int) -> tuple[Cell, list[Measurements]]:
-    """The elbow is read before it was at rest."""
-    cell, data, heldout, _ = day("light", "settling:elbow", noncentrality, seed=seed)
-    return cell, interleaved(data, heldout)
+    """The elbow is read before it was at rest; two tables that were read in turn."""
+    cell, *tables, _ = day("light", "settling:elbow", noncentrality, seed=seed)
+    q, time = (np.concatenate([getattr(t.poses, own) for t in tables]) for own in ("q", "time"))
+    whole, count = with_moves(poses_at(q, time=time)), len(tables[0])
+    parts = whole.take(slice(count)), whole.take(slice(count, None))
+    moves = (
+        "approach",
+        "motion",
+        "start",
+        "order",
+    )  # as of the one table that they would have been
+    return cell, [
+        replace(table, poses=replace(table.poses, **{own: getattr(part, own) for own in moves}))
+        for table, part in zip(tables, parts, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(("noncentrality", "seed"), [(600.0, 1), (2000.0, 2)])

@@ -18,7 +18,7 @@ import doe
 from calib import Cell, Measurements
 from calib.arrays import Array
 from calib.diagnosis import Diagnosis
-from calib.errors import UnknownEffect
+from calib.errors import TooFewPoses, UnknownEffect
 from calib.inference import widths as sizes
 from calib.inference.widths import Elementary, Key, widths_of
 from calib.model.build import build
@@ -26,10 +26,8 @@ from calib.model.sizes import elementary, stated
 from calib.noise import Noise
 from calib.simulation import drawn_readings
 from tests import plain_day as days
-from tests.day import anywhere
+from tests.day import RIGID, anywhere, erring
 from tests.helpers import cell_of, random_robot
-
-RIGID = ("base", "tool", "geometry")
 
 
 def problem(seed: int, rows: int, errors: int, width: float) -> tuple[Elementary, Array, Array]:
@@ -160,6 +158,21 @@ def test_few_poses_predict_better_with_sizes(scale: float) -> None:
         ratios.append(by[0] / by[1])
     assert np.median(ratios) < 1.02
     assert np.exp(np.mean(np.log(ratios))) < 1.005
+
+
+@pytest.mark.parametrize(
+    ("prior", "fewest"),
+    [("off", 9), ("estimated", 6), ({"geometry_mrad": 1.0, "geometry_mm": 1.0}, 3)],
+)
+def test_fewer_poses_will_do_where_sizes_are_known(prior: Any, fewest: int) -> None:
+    """Three numbers a pose for nine of places and 18 of geometry, of which sizes tell half or all."""
+    cell, rng = arm(0)
+    cell = replace(cell, size_prior=prior)
+    data, _ = erring(cell, anywhere(cell, rng, fewest), rng)
+    assert (calib.identify(cell, data).rms("fitted") or 0.0) < 1e-5
+    for verb in (calib.identify, calib.diagnose):
+        with pytest.raises(TooFewPoses, match=f"measure at least {fewest} poses"):
+            verb(cell, data.take(slice(1, None)))
 
 
 def test_many_poses_decide_alone() -> None:
@@ -374,3 +387,6 @@ def test_a_diagnosis_asks_beside_it(tmp_path: Path) -> None:
     np.testing.assert_allclose((values - mean) / std, 0.0, atol=0.05)
     np.testing.assert_allclose(own, std, rtol=0.03)
     assert found.after.model.prior_rows == len(KEYS)
+    # What sizes say is no reading.
+    fitted = found.after.span.shape[1]
+    assert fitted - found.after.spent == round(float(((std / STD) ** 2).sum()))

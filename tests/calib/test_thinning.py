@@ -84,24 +84,6 @@ def test_of_a_large_table_a_part_is_diagnosed_and_the_rest_is_held_out(
     )
 
 
-@pytest.mark.long
-def test_a_diagnosis_of_a_part_is_that_of_the_whole() -> None:
-    """The same cause, of the true size by either, and apart by no more than what is left out allows.
-
-    Half of the readings may leave it less sure.
-    """
-    data = stays(*[20] * 40, scale=2e-4)
-    found = [calib.diagnose(CELL, own) for own in (data, thinned(data, 400)[0])]
-    assert found[0].verdict == "explained"
-    assert found[1].verdict in ("explained", "ambiguous")
-    (whole,), (part,) = (one.causes for one in found)
-    for cause in (whole, part):
-        assert cause.members[0][0].key == "transmission_scale:j2"
-        assert abs(cause.values[0] - 2e-4) < 4.0 * cause.std[0]
-    assert part.std[0] == pytest.approx(np.sqrt(2.0) * whole.std[0], rel=0.1)
-    assert abs(part.values[0] - whole.values[0]) < 3.0 * whole.std[0]
-
-
 def test_an_identification_of_a_part_is_that_of_the_whole() -> None:
     data = stays(*[30] * 40)
     whole, part = (calib.identify(CELL, own) for own in (data, thinned(data, 400)[0]))

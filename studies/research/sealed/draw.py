@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from studies.research.sealed.judge import VISIBLE
-from studies.research.sealed.visible import Projector, beside_others, excess, given, tangents
+from studies.research.sealed.visible import Projector, beside_others, given, tangents
 from studies.research.truth import foreign
 from studies.research.truth.arms import ARMS, Array, Mask, draw_arm
 from studies.research.truth.causes import (
@@ -54,9 +53,7 @@ class Case:
     noncentrality, beside : of each cause alone, and with the other ones taken out
     clean, noisy : ndarray, shape (N, M, 3), m, instrument frame, without and with noise and scatter
     seen : ndarray of bool, shape (N, M); outliers : names of poses with gross errors
-    moved : m, RMS of what the causes do
     background : how many of the causes, the last ones, are too small to be asked for
-    excess : m^2, by which a fit of the visible causes errs at held-out poses, None where not asked
     """
 
     family: str
@@ -69,21 +66,14 @@ class Case:
     clean: Array
     noisy: Array
     seen: Mask
-    outliers: tuple[str, ...] = field(default=())
-    moved: float = 0.0
+    outliers: tuple[str, ...] = ()
     background: int = 0
-    excess: float | None = None
 
 
 class Draft:
     """A scene at rest, and how to measure what moves it; without scatter the arm comes back exactly."""
 
-    def __init__(
-        self,
-        rng: np.random.Generator,
-        scene: Scene,
-        scatter: Scattering | None,
-    ) -> None:
+    def __init__(self, rng: np.random.Generator, scene: Scene, scatter: Scattering | None) -> None:
         self.rng, self.mechanism = rng, scene.mechanism()
         self.seen = _seen(rng, scene)
         self.still = at_rest(scene, self.mechanism, ())
@@ -105,7 +95,6 @@ class Draft:
         rests: Sequence[Array],
         beside: tuple[float, ...],
         background: Sequence[Cause] = (),
-        excess: float | None = None,
     ) -> Case:
         """What the instrument reads.
 
@@ -131,9 +120,7 @@ class Draft:
             noisy=noisy,
             seen=self.seen,
             outliers=outliers,
-            moved=_rms(state.readings - self.still.readings),
             background=len(background),
-            excess=excess,
         )
 
 
@@ -308,50 +295,36 @@ _FOREIGN: dict[str, Family] = {
 # -- populations -----------------------------------------------------------------------------------
 
 
-def _drawn(
-    rng: np.random.Generator,
-    family: str,
-    scene: Callable[[np.random.Generator], Scene],
+def _drawer(
+    scene: Callable[[np.random.Generator, str], Scene],
     scatter: Scattering | None,
     case: Callable[[Draft, str], Case],
-) -> Case:
-    """A case of a family in the first scene that can have one."""
-    while True:
-        drawn = scene(rng)
-        try:
-            return case(Draft(rng, drawn, scatter), family)
-        except (Unsuitable, RuntimeError):  # the latter: too soft for its loads
-            continue
+) -> Callable[[np.random.Generator, str], Case]:
+    """What draws a case of a family, in the first scene that can have one."""
+
+    def draw(rng: np.random.Generator, family: str) -> Case:
+        while True:
+            drawn = scene(rng, family)
+            try:
+                return case(Draft(rng, drawn, scatter), family)
+            except (Unsuitable, RuntimeError):  # the latter: too soft for its loads
+                continue
+
+    return draw
 
 
-def draw_case(rng: np.random.Generator, family: str, arm_noise: bool = False) -> Case:
-    """A case of the first families; arm_noise : of an arm that scatters between approaches."""
-    return _drawn(rng, family, _usual, _ARM_NOISE if arm_noise else None, _first_case)
-
-
-def draw_real_case(rng: np.random.Generator, family: str) -> Case:
-    """A case of an arm as real ones are: it scatters, ripples, settles, from several causes at once."""
-    scene = partial(_real, whole=family == "whole")
-    return _drawn(rng, family, scene, _REAL_NOISE, partial(_real_case, _REAL))
-
-
-def draw_foreign_case(rng: np.random.Generator, family: str) -> Case:
-    """A case whose causes follow other formulas: one, one kind at all joints, or these and one more."""
-    return _drawn(rng, family, _strange, _REAL_NOISE, partial(_real_case, _FOREIGN))
-
-
-def _usual(rng: np.random.Generator) -> Scene:
+def _usual(rng: np.random.Generator, _: str) -> Scene:
     arm = ARMS[int(rng.integers(len(ARMS)))]
     return draw_scene(rng, arm, draw_conditions(rng))
 
 
-def _real(rng: np.random.Generator, whole: bool) -> Scene:
+def _real(rng: np.random.Generator, family: str) -> Scene:
     arm = draw_arm(rng)
     scene = draw_scene(rng, arm, draw_real_conditions(rng))
-    return scene.rigid() if whole else scene
+    return scene.rigid() if family == "whole" else scene
 
 
-def _strange(rng: np.random.Generator) -> Scene:
+def _strange(rng: np.random.Generator, _: str) -> Scene:
     arm = draw_arm(rng)
     conditions = Conditions(
         configurations=int(rng.integers(*_FOREIGN_POSES, endpoint=True)),
@@ -375,13 +348,11 @@ def _first_case(draft: Draft, family: str) -> Case:
 def _real_case(families: Mapping[str, Family], draft: Draft, family: str) -> Case:
     causes = families[family](draft)
     background = _background(draft, causes) if draft.scene.conditions.background else []
-    everything = [*causes, *background]
-    rests = [draft.rest(cause) for cause in everything]
+    rests = [draft.rest(cause) for cause in [*causes, *background]]
     moves = [tangents(draft.scene, draft.mechanism, draft.still, cause) for cause in causes]
     spans = [draft.projector.span(columns) for columns in moves]
     beside = beside_others(rests, [*spans, *(rest[:, None] for rest in rests[len(causes) :])])
-    missed = _excess(draft, everything, moves, beside)
-    return draft.case(family, causes, rests, beside, background, missed)
+    return draft.case(family, causes, rests, beside, background)
 
 
 def _background(draft: Draft, causes: list[Cause]) -> list[Cause]:
@@ -392,13 +363,10 @@ def _background(draft: Draft, causes: list[Cause]) -> list[Cause]:
     return [plausible(draft, draw, _BACKGROUND) for draw in draws]
 
 
-def _excess(
-    draft: Draft, everything: list[Cause], moves: list[Array], beside: tuple[float, ...]
-) -> float:
-    """Of a fit that has the visible causes and no others."""
-    big = [b > VISIBLE for b, _ in zip(beside, moves, strict=False)]
-    none = np.zeros((*draft.still.readings.shape, 0))
-    shown = [columns for columns, visible in zip(moves, big, strict=True) if visible]
-    faint = [cause for i, cause in enumerate(everything) if i >= len(big) or not big[i]]
-    columns, unseen = np.concatenate([none, *shown], axis=-1), draft.moved(*faint)
-    return excess(draft.scene, draft.still, draft.projector, draft.seen, columns, unseen)
+draw_case = _drawer(_usual, None, _first_case)
+draw_noisy_case = _drawer(_usual, _ARM_NOISE, _first_case)
+"""Of the first families, and of arms that scatter between approaches."""
+draw_real_case = _drawer(_real, _REAL_NOISE, partial(_real_case, _REAL))
+"""Of arms as real ones are: they scatter, ripple, settle, from several causes at once."""
+draw_foreign_case = _drawer(_strange, _REAL_NOISE, partial(_real_case, _FOREIGN))
+"""Whose causes follow other formulas: one, one kind at all joints, or these and one more."""

@@ -155,8 +155,6 @@ class Judgement:
     intervals : whether the 95 % interval of each parameter of a rightly named effect holds the truth
     over_floor, before_over_floor : held-out RMS after and before anything is added to the user's model,
         over the true floor; infinite without an answer
-    over_reach : after, over what a fit of the true visible causes leaves; over the floor where the key
-        does not say
     """
 
     case: str
@@ -182,7 +180,6 @@ class Judgement:
     intervals: tuple[bool, ...]
     over_floor: float
     before_over_floor: float
-    over_reach: float
 
 
 def judged_or_failed(key: Entry, answer: Entry | None) -> Judgement:
@@ -212,7 +209,6 @@ def judge(key: Entry, answer: Entry | None) -> Judgement:
         CauseJudged(name_of(t), t["beside"], any(is_listed(e, t) for e in effects)) for t in main
     ]
     beside = [cause["beside"] for cause in causes]
-    after = _after(key, given)
     return Judgement(
         case=key["case"],
         family=family,
@@ -239,11 +235,10 @@ def judge(key: Entry, answer: Entry | None) -> Judgement:
             if e.get("probability") is not None
         ),
         intervals=_intervals(truths, effects) if family in _WITH_INTERVALS else (),
-        over_floor=_ratio(after, key["floor_mm"]),
+        over_floor=_ratio(_after(key, given), key["floor_mm"]),
         before_over_floor=_ratio(
             (given.get("gap") or {}).get("heldout_before_mm"), key["floor_mm"]
         ),
-        over_reach=_ratio(after, key.get("reachable_mm") or key["floor_mm"]),
     )
 
 

@@ -103,7 +103,7 @@ def _values(
 
 
 def key_of(case: Case) -> Entry:
-    """Everything that scoring needs, and the truth for who wants to look."""
+    """Everything that scoring needs; the seed draws all else again."""
     scene, held = case.scene, case.scene.session.held
     noise = (case.noisy - case.clean)[held][case.seen[held]]
     rigid = [joint for joint in scene.arm.soft if joint not in scene.modelled]
@@ -113,7 +113,6 @@ def key_of(case: Case) -> Entry:
     for entry in entries[len(entries) - case.background :]:
         entry["background"] = True
     outside = case.family == "outside"
-    floor = _floor(case)
     key: Entry = {
         "family": case.family,
         "robot": scene.arm.name,
@@ -121,27 +120,14 @@ def key_of(case: Case) -> Entry:
         "effects": entries[1:] if outside else entries,
         "outside": entries[0] if outside else None,
         "noncentrality": case.together,
-        "displacement_rms_mm": case.moved * 1e3,
-        "sigma_mm": scene.noise.sigma * 1e3,
-        "believed_sigma_mm": scene.believed.sigma * 1e3,
-        "noise_mm": {name: value * 1e3 for name, value in asdict(scene.noise).items()},
-        "floor_mm": floor * 1e3,
+        "floor_mm": _floor(case) * 1e3,
         "heldout_noise_rms_mm": float(np.sqrt(np.mean(np.sum(noise**2, axis=-1)))) * 1e3,
         "outliers": list(case.outliers),
-        "truth": {
-            "compliance_urad_per_Nm": dict(
-                zip(scene.arm.names, (scene.compliance * 1e6).tolist(), strict=True)
-            ),
-            "geometry_m_rad": scene.geometry.tolist(),
-            "markers_mm": (scene.markers * 1e3).tolist(),
-        },
     }
     if scene.conditions.visit != PAIRED:
         key["draw"] = "real arms"
-        key["reachable_mm"] = float(np.hypot(floor, np.sqrt(case.excess or 0.0))) * 1e3
     if scene.scatter is not None:
         conditions["arm_noise"] = "said" if scene.repeatability else "unsaid"
-        key["arm_noise"] = _arm_noise(case)
     return key
 
 
@@ -153,21 +139,6 @@ def _floor(case: Case) -> float:
         return instrument
     squares = scene.scatter.squares(scene.arm, case.state)[held][case.seen[held]]
     return float(np.sqrt(instrument**2 + np.mean(squares)))
-
-
-def _arm_noise(case: Case) -> Entry:
-    """The arm's scatter: standard deviations of its joints or its tip, rad and m."""
-    scene, scatter = case.scene, case.scene.scatter
-    assert scatter is not None  # noqa: S101
-    place, turn = scatter.repeatability(scene.arm, case.state)
-    return {
-        "in": "joints" if scatter.joints.any() else "tip",
-        "joints_rad_m": scatter.joints.tolist(),
-        "tip_m_rad": scatter.tip.tolist(),
-        "rms_mm": float(np.sqrt(np.mean(scatter.squares(scene.arm, case.state)))) * 1e3,
-        "repeatability_mm": place * 1e3,
-        "repeatability_urad": turn * 1e6,
-    }
 
 
 def _entry(scene: Scene, cause: Cause, alone: float, beside: float) -> Entry:

@@ -177,9 +177,8 @@ def floors(judged: Iterable[Judgement], asked: Questions = FIRST) -> Row:
     many = [j for j in judged if j.conditions["configurations"] >= MANY]
     some = [j for j in many if j.family in asked.floors and j.visible]
     found = _quantiles([j.over_floor for j in some])
-    for short, name in (("before", "before_over_floor"), ("reach", "over_reach")):
-        other = _quantiles([getattr(j, name) for j in some])
-        found |= {f"{short}_median": other["median"], f"{short}_p90": other["p90"]}
+    before = _quantiles([j.before_over_floor for j in some])
+    found |= {"before_median": before["median"], "before_p90": before["p90"]}
     lows = [ends[0] if ends else None for ends in (found["median_ci95"], found["p90_ci95"])]
     reached = all(
         low is not None and low <= bar for low, bar in zip(lows, asked.floor_bars, strict=True)
@@ -230,7 +229,7 @@ def shown(result: Row) -> Iterator[Any]:
     yield "Of effects named with some probability, how many are there:\n"
     yield table(_rate(row).row() for row in result["reliability"])
     yield "\nHeld-out RMS over the true floor, plans of at least 40 configurations\n"
-    told = {"cases": floor["n"], "before": floor["before_median"], "reach": floor["reach_median"]}
+    told = {"cases": floor["n"], "before": floor["before_median"]}
     for key, bar in zip(("median", "p90"), floor["bars"], strict=True):
         told |= {key: floor[key], f"95 %, {key}": _between(floor[f"{key}_ci95"]), f"{key} bar": bar}
     yield table([told])

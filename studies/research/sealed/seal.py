@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ class Population:
 
 POPULATIONS = {
     "first": Population(draw.FIRST_SHARES, draw.draw_case),
-    "arm_noise": Population(draw.FIRST_SHARES, partial(draw.draw_case, arm_noise=True)),
+    "arm_noise": Population(draw.FIRST_SHARES, draw.draw_noisy_case),
     "real_arms": Population(draw.REAL_SHARES, draw.draw_real_case),
     "foreign": Population(draw.FOREIGN_SHARES, draw.draw_foreign_case),
     "instruments": Population(

@@ -136,24 +136,3 @@ def _within_span(columns: Array, rest: Array) -> Array:
     Q, R, _ = qr(kept, mode="economic", pivoting=True)
     Q = Q[:, np.abs(np.diag(R)) > _SAME_COLUMN]
     return np.asarray(Q @ (Q.T @ rest))
-
-
-def excess(
-    scene: Scene, still: State, projector: Projector, seen: Mask, visible: Array, faint: Array
-) -> float:
-    """Mean squared distance by which held-out points are foretold wrongly, m^2, noise apart.
-
-    visible : ndarray, shape (N, M, 3, p), m, instrument frame, what each parameter of the causes to be
-        found moves; faint : ndarray, shape (N, M, 3), what all others do
-    """
-    in_base = [np.einsum("ji,nmjp->nmip", scene.R, own) for own in (visible, faint[..., None])]
-    columns = np.concatenate([modelled_columns(scene, still), in_base[0]], axis=-1)
-    J, missed = projector.white(columns), projector.white(in_base[1])
-    lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    U, s, Vt = np.linalg.svd(J / lengths, full_matrices=False)
-    kept = s > _SAME_COLUMN * s[0]
-    back = (Vt[kept].T / s[kept]) / lengths[:, None]  # parameters from whitened readings along U
-    held = seen & scene.session.held[:, None]
-    G = columns[held] @ back
-    bias = in_base[1][held] - G @ (U[:, kept].T @ missed)
-    return float(np.mean(np.sum(G**2, axis=(-2, -1)) + np.sum(bias**2, axis=(-2, -1))))

@@ -45,5 +45,10 @@ def case_of(scene: Scene, *causes: Cause) -> Case:
 def as_files(folder: Path, case: Case) -> tuple[Cell, Measurements]:
     """Written and read again by the model under test."""
     write_case(folder, case)
+    return read_files(folder)
+
+
+def read_files(folder: Path) -> tuple[Cell, Measurements]:
+    """The cell of a case, and what is fitted."""
     cell = calib.load_cell(folder / "cell.toml")
     return cell, calib.load_measurements(cell, folder / "measurements.csv")

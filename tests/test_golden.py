@@ -2,7 +2,7 @@
 
     python -m tests.test_golden > tests/reference/golden.json
 
-The days are drawn by programs that share no code with the estimator. A digest proves nothing of them:
+Most days are drawn by programs that share no code with the estimator. A digest proves nothing of them:
 it says that a change of the code changed a result, and below which key of its JSON.
 """
 

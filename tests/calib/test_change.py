@@ -221,3 +221,15 @@ def test_what_is_the_robots_own_on_any_day() -> None:
     own = {kind for kind in EFFECTS if change.lasting((kind, "here", "value"))}
     assert EFFECTS.keys() - own == of_a_day
     assert not change.lasting(("nobody_knows", "here", "value"))
+
+
+def test_what_was_not_determined_is_no_noise() -> None:
+    """Of a day that left one parameter open at its plausible size, and another that follows it."""
+    keys = [("joint_offset", joint, "offset") for joint in ("a", "b")]
+    noise, follows = np.diag([4.0, 0.0]), np.array([1.5, 2.0])
+    covariance = noise + np.outer(follows, follows)
+    lost = np.array([False, True])
+    day = DayEstimate(tuple(keys), np.zeros(2), covariance, lost, {}, np.inf)
+    alone, opened = day.by_noise(keys, keys[1:])
+    np.testing.assert_allclose(alone, noise, atol=1e-12)
+    np.testing.assert_allclose(opened[:, 0], follows)

@@ -24,6 +24,7 @@ from calib.inference.evidence import (
 )
 from calib.inference.least_squares import independent_columns, joined_triangle, solve, triangle
 from calib.inference.leave_out import leave_groups_out
+from calib.prediction.budget import Budget
 from calib.sobol import Sobol
 
 seeds = st.integers(0, 10**6)
@@ -224,3 +225,10 @@ def test_sobols_points_are_those_of_scipy_and_beyond_its_dimensions_drawn_by_cha
     assert points.shape == (512, 60)
     assert len(np.unique(points[:, -1])) == 512
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=0.06)
+
+
+def test_targets_count_by_their_weights() -> None:
+    budget = Budget(np.array([1.0, 3.0, 0.0]), ())
+    lengths = np.array([3.0, 1.0, 9.0])
+    assert budget.worst(lengths) == 3.0
+    assert budget.rms(lengths) == pytest.approx(np.sqrt(12.0 / 4.0))

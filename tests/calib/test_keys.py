@@ -47,7 +47,8 @@ def test_a_key_arrives(
 
 
 def test_keys_of_joints_that_slide(tmp_path: Path) -> None:
-    more = "limits_mm = { Z = [-150, -50] }\nspeed_mm_s = { Z = 400 }\nacceleration_mm_s2 = { Z = 2000 }"
+    more = "limits_mm = { Z = [-150, -50] }\nspeed_mm_s = { Z = 400 }\n"
+    more += "acceleration_mm_s2 = { Z = 2000 }"
     path = file_day(SCARA, poses=2).written(tmp_path) / "cell.toml"
     path.write_text(path.read_text().replace("[robot]\n", f"[robot]\n{more}\n", 1))
     robot, k = calib.load_cell(path).robot, 2

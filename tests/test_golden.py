@@ -12,6 +12,7 @@ import json
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ def _diagnosed(arm: str, cause: str, size: float, **more: Any) -> Found:
 
 
 CASES: dict[str, Callable[[], Found]] = {
-    **{f"identify: {name}": lambda name=name: _identified(name) for name in SCENES},  # type: ignore[misc]
+    **{f"identify: {name}": partial(_identified, name) for name in SCENES},
     "identify: tracker by beam": _by_beam,
     "identify: an arm that scatters": _identified_scattering,
     "identify: loads": _loaded,
@@ -135,12 +136,12 @@ def _numbers(value: Any) -> Iterator[float]:
 
 def moved(old: Mapping[str, Sequence[float]], new: Digest) -> list[str]:
     """Keys below which something changed by more than a share of about 1e-4."""
-    return [
-        key
-        for key in sorted(old.keys() | new.keys())
-        if (a := old.get(key, (0, 0.0)))[0] != (b := new.get(key, (0, 0.0)))[0]
-        or abs(a[1] - b[1]) > _SHARE * max(a[0], 1) ** 0.5
-    ]
+    found = []
+    for key in sorted(old.keys() | new.keys()):
+        (many, then), (now_many, now) = (own.get(key, (0, 0.0)) for own in (old, new))
+        if many != now_many or abs(then - now) > _SHARE * max(many, 1) ** 0.5:
+            found.append(key)
+    return found
 
 
 PATH = Path(__file__).parent / "reference" / "golden.json"

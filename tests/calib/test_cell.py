@@ -18,6 +18,7 @@ from calib.files.write_tables import measurements_csv
 from calib.instruments import Distance, KnownDistance, Plane, Socket
 from calib.model.build import build, context_of, place_effect
 from studies.demo.embedded import embedded_text
+from tests.day import SCARA, file_day
 from tests.helpers import all_seen
 from tests.studies.command_line import paper_cell
 
@@ -56,8 +57,18 @@ def asked(cell: Cell, poses: Poses) -> tuple[set[str], dict[str, str]]:
 # -- What tables say
 
 NONE = [np.nan] * 3
-FACED = "m1 = { position = [279.2, -16.4, -91.9], normal = [0, 3, -4] }"
-TIMING = "[timing]\nspeed_percent = 20\nload_change_min = 3\nread_s = 4\n"
+FACED = {
+    "old": "m1 = [279.2, -16.4, -91.9]",
+    "new": "m1 = { position = [279.2, -16.4, -91.9], normal = [0, 3, -4], acceptance_deg = 60 }",
+}
+TIMING = "[timing]\nspeed_percent = 20\nload_change_min = 3\nread_s = 4\nsettle_s = 7\n"
+
+
+def sigma(form: str) -> dict[str, str]:
+    return {"old": "sigma_mm = 0.010", "new": f"sigma_mm = {{ {form} }}"}
+
+
+BEAM = "range_mm = 0.01, transverse_mm = 0.02"
 
 
 @pytest.mark.parametrize(
@@ -74,7 +85,7 @@ TIMING = "[timing]\nspeed_percent = 20\nload_change_min = 3\nread_s = 4\n"
         ("load.mass", 250.0, {}),
         ("load.com", (0.3, 0.0, 0.15), {}),
         ("payload.com", (1e-3, 2e-3, 3e-3), {"more": "[payload]\ncom_mm = [1, 2, 3]\n"}),
-        ("pace", (0.2, 2.0, 4.0, 180.0), {"more": TIMING}),
+        ("pace", (0.2, 7.0, 4.0, 180.0), {"more": TIMING}),
         ("robot.speeds", NONE * 2, {}),
         (
             "robot.speeds",
@@ -86,10 +97,19 @@ TIMING = "[timing]\nspeed_percent = 20\nload_change_min = 3\nread_s = 4\n"
             (2 * np.pi, *NONE, np.nan, np.nan),
             {"more": "[robot.acceleration_deg_s2]\nA1 = 360\n"},
         ),
+        ("marker_normals", ((0.0, 0.6, -0.8), NONE, NONE), FACED),
+        ("marker_acceptance", (np.pi / 3, np.nan, np.nan), FACED),
+        ("design.margin", 0.03, {"old": "[design]", "new": "[design]\nmargin_mm = 30"}),
+        ("noise", (1e-5, 2e-5, 0.0, 0.0), sigma(BEAM)),
         (
-            "marker_normals",
-            ((0.0, 0.6, -0.8), NONE, NONE),
-            {"old": "m1 = [279.2, -16.4, -91.9]", "new": FACED},
+            "noise",
+            (1e-5, 2e-5, 1e-6, 6e-6),
+            sigma(f"{BEAM}, range_mm_per_m = 0.001, transverse_mm_per_m = 0.006"),
+        ),
+        (
+            "noise",
+            (5e-6, 5e-6, 2e-6, 2e-6),
+            sigma("mpe_mm = 0.02, mpe_mm_per_m = 0.008, divisor = 4"),
         ),
     ],
 )
@@ -99,6 +119,21 @@ def test_keys_have_units_and_fields_are_in_si(
     found = attrgetter(field)(cell_with(tmp_path, **lines))
     numbers = astuple(found) if is_dataclass(found) else found
     np.testing.assert_allclose(numbers, expected, rtol=1e-12)
+
+
+def test_torques_of_one_ampere(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, more="[robot.torque_constant_Nm_A]\nA2 = 12.5\n")
+    assert cell.motion.constants == {"A2": 12.5}
+
+
+def test_keys_of_joints_that_slide(tmp_path: Path) -> None:
+    keys = ("limits_mm = { Z = [-150, -50] }", "speed_mm_s = { Z = 400 }")
+    more = "\n".join(["[robot]", *keys, "acceleration_mm_s2 = { Z = 2000 }"])
+    path = file_day(SCARA, poses=2).written(tmp_path) / "cell.toml"
+    path.write_text(path.read_text().replace("[robot]", more, 1))
+    robot, k = calib.load_cell(path).robot, 2
+    assert robot.limits[k] == pytest.approx([-0.15, -0.05])
+    assert (robot.speeds[k], robot.accelerations[k]) == pytest.approx((0.4, 2.0))
 
 
 def test_nothing_said_of_repeatability_is_none(tmp_path: Path) -> None:

@@ -203,3 +203,15 @@ def test_poses_to_come_are_found_without_a_plan(small: Path) -> None:
     assert fields["order"] == []
     assert "planned poses" not in said
     assert f"RMS now, from {fields['now']['readings']} readings." in said
+
+
+@pytest.mark.parametrize(
+    "call",
+    ["design {} --candidates 40", "compare {} {}/plan.csv", "enough {} {}/data.csv",
+     "diagnose {} {}/plan.csv --plan-only"],
+)  # fmt: skip
+def test_what_the_cell_reports_is_in_the_result(call: str, small: Path, tmp_path: Path) -> None:
+    cell = small / "reported.toml"
+    cell.write_text((small / "cell.toml").read_text() + '[report]\noperator = "second shift"\n')
+    fields, _ = result(tmp_path / "out.json", *call.format(cell, small).split())
+    assert fields["about"] == {"operator": "second shift"}

@@ -81,11 +81,11 @@ def main(folder: Path, problems: int, seed: int) -> Output:
     return [table(rows)], {"seed": seed, "problems": rows}
 
 
-def _detmax(folder: Path, count: int, seed: int) -> list[list[Row]]:
+def _detmax(folder: Path, problems: int, seed: int) -> list[list[Row]]:
     """Runs of each problem: their CPU seconds and the value of the plan."""
     folder.mkdir(parents=True, exist_ok=True)
     python = environment((folder / "figaroh").resolve(), PROGRAMS["figaroh"])
-    drawn = {str(index): posed(index, seed) for index in range(count)}
+    drawn = {str(index): posed(index, seed) for index in range(problems)}
     work, answer = folder / "problems.npz", folder / "plans.json"
     arrays: Row = {name: _levelled(own) for name, (own, _) in drawn.items()}
     arrays |= {f"{name}_poses": np.array(poses) for name, (_, poses) in drawn.items()}

@@ -95,8 +95,8 @@ def _walked(model: Any, data: Any, links: list[str]) -> tuple[list[Joint], list[
     for b in range(1, model.nbody):
         above = int(model.body_parentid[b])
         parent, T = links[above], frames[above]
-        for j in np.flatnonzero(model.jnt_bodyid == b).tolist():
-            kind, child = _KINDS[model.jnt_type[j]], f"\0{j} of {links[b]}"
+        for n, j in enumerate(np.flatnonzero(model.jnt_bodyid == b).tolist(), 1):
+            kind, child = _KINDS[model.jnt_type[j]], f"\0{n} of {links[b]}"
             frame = _frame(data.xmat[b], data.xanchor[j] if kind in _KINDS[2:] else data.xpos[b])
             ends, axis = (parent, child), frame[:3, :3].T @ data.xaxis[j]
             moved = Joint(

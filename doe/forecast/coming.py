@@ -90,11 +90,13 @@ class Match:
 
     left : ndarray of int, readings of ``calib.readings(cell, plan)`` that are still to come
     poses : int, poses of the plan of which nothing is left
+    begun : int, poses of the plan of which a reading is there and another is left
     warnings : tuple of str
     """
 
     left: IntArray
     poses: int
+    begun: int
     warnings: tuple[str, ...]
 
 
@@ -106,7 +108,7 @@ def match(cell: Cell, plan: Poses, data: Poses) -> Match:
     """
     wanted, count = readings(cell, plan), len(plan)
     if not count:
-        return Match(np.zeros(0, dtype=int), 0, ())
+        return Match(np.zeros(0, dtype=int), 0, 0, ())
     plain = np.array(plan.names * (len(wanted) // count), dtype=object)
     named = np.array([(plain == n) | (np.array(wanted.names) == n) for n in data.names])
     off = np.abs(wanted.q - data.q[:, None])
@@ -131,5 +133,7 @@ def match(cell: Cell, plan: Poses, data: Poses) -> Match:
             warnings.append(
                 f"{data.names[one]} stands in the plan at quite other joints: is it the right plan?"
             )
-    whole = ~left.reshape(-1, count).any(axis=0)
-    return Match(np.flatnonzero(left), int(whole.sum()), tuple(warnings))
+    done = ~left.reshape(-1, count)
+    whole = int(done.all(axis=0).sum())
+    begun = int(done.any(axis=0).sum()) - whole
+    return Match(np.flatnonzero(left), whole, begun, tuple(warnings))

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arrays import IntArray, stacked
 from calib.cell import Cell
-from calib.errors import EffectCannotAct, TooFewPoses
+from calib.errors import CalibError, EffectCannotAct, TooFewPoses
 from calib.identification import Identification
 from calib.identification.identify import after_the_first_move, identify
 from calib.identification.noise import believed_sigma
@@ -130,8 +130,10 @@ def enough(
     taken from held-out poses, else from each configuration as the others predict it, and from the trend
     of the day. Poses beyond the plan are drawn as its candidates are.
 
-    Raises CalibError where the whole plan would not do.
+    Raises CalibError where the whole plan would not do, or where nothing was read.
     """
+    if not len(data):
+        raise CalibError("nothing was read yet; design, compare and foresee judge a plan")
     plan = data.poses.take([]) if plan is None else plan
     done = match(cell, plan, data.poses)
     try:

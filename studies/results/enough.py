@@ -73,10 +73,14 @@ class LastingError(Entry):
 
 
 class PlanProgress(Entry):
-    """Poses of the plan; ``to_measure`` counts the readings that are left as poses to go to."""
+    """Poses of the plan; ``to_measure`` counts the readings that are left as poses to go to.
+
+    Of a pose that is ``begun``, one reading is there and another, as under the load, is left.
+    """
 
     poses: Count
     measured: Count
+    begun: Count = 0
     to_measure: Count
 
 
@@ -160,7 +164,12 @@ class EnoughResult(Result):
             if found is None
             else ExpectedErrors.at_targets(cell, estimate_of(found, after)),
             lacking=LastingError.of(answer, cell),
-            plan=PlanProgress(poses=planned, measured=answer.match.poses, to_measure=len(coming)),
+            plan=PlanProgress(
+                poses=planned,
+                measured=answer.match.poses,
+                begun=answer.match.begun,
+                to_measure=len(coming),
+            ),
             now=KnownState.at(model, answer.steps[0]),
             order=tuple(ExpectedStep.from_object(s, unidentifiable=s.open) for s in coming),
             end=KnownState.at(model, answer.steps[-1]),

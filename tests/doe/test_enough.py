@@ -20,6 +20,7 @@ from calib import (
 from calib.arrays import Array
 from calib.cell import Repeatability
 from calib.cell.targets import targets_of
+from calib.errors import CalibError
 from calib.model.covariance import accuracy
 from calib.noise import Noise
 from calib.poses import poses_at
@@ -195,6 +196,8 @@ def test_poses_are_known_by_their_joints_and_by_names_where_these_are_near(
     assert said in "".join(found.warnings[:1])
     assert bool(said) is bool(found.warnings)
     assert len(match(cell, table_two.take([]), day).left) == 0
+    with pytest.raises(CalibError, match="nothing was read yet"):
+        enough(cell, full.take([]), table_two)
 
 
 def test_a_reference_is_to_come_as_often_as_it_is_missing(cell: Cell, table_two: Poses) -> None:
@@ -215,7 +218,9 @@ def test_what_is_left_is_known_by_its_pose_in_whatever_turn_it_is_read(
     cell: Cell, full: Measurements, table_two: Poses
 ) -> None:
     """An arm whose scatter is known reads each pose free and loaded in one stay."""
-    left = match(cell, table_two, full.poses.take(slice(0, 17))).left
+    done = match(cell, table_two, full.poses.take(slice(0, 17)))
+    left = done.left
+    assert (done.poses, done.begun) == (2, 13)
     for arm in (cell, replace(cell, repeatability=Repeatability(3e-5, 1e-4))):
         day, pose = coming_day(arm, full.take(np.arange(17)), table_two, left)
         assert len(day) == 30

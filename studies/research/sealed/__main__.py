@@ -30,7 +30,6 @@ def main() -> None:
 @click.option("--arm-noise", is_flag=True, help="Arms that scatter from approach to approach.")
 @click.option("--real-arms", is_flag=True, help="Arms as real ones are: scatter, ripple, mixtures.")
 @click.option("--foreign", is_flag=True, help="Causes by formulas that no model has.")
-@click.option("--instruments", is_flag=True, help="Other instruments read, and faults of these.")
 def make(count: int, folder: Path, seed: int, **kinds: bool) -> None:
     """Draw N cases into a new FOLDER and commit their keys."""
     chosen = [kind for kind, given in kinds.items() if given] or ["first"]

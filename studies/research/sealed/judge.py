@@ -45,18 +45,14 @@ def unit(effect: str, name: str, slides: bool = False, timed: bool = True) -> st
 LARGEST_CLASS = 4
 VISIBLE = 60.0  # noncentrality above which a cause counts as visible
 CONFIDENT = 0.9
-SENSED = "other instruments"
-"""How keys of cases that other instruments read are marked."""
 _Z = 1.96
 _SEEN = {"mixture": max, "whole": max}
-_WITH_INTERVALS = ("single", "pair", "mixture", "whole", "instrument")
+_WITH_INTERVALS = ("single", "pair", "mixture", "whole")
 # What the first families call outside, and the catalogue came to hold; two jumps are each a step.
 _HELD = {
     "third_harmonic": "gear_ripple",
     **dict.fromkeys(("slipped_joint", "settling_base", "two_jumps"), "step"),
 }
-# What sealed keys call otherwise than the catalogue.
-_RENAMED = {"moved": "step", "focal_scale": "focal"}
 Entry = dict[str, Any]
 
 
@@ -71,14 +67,15 @@ def _class_of(effect: Entry) -> set[str]:
     return listed if len(listed) <= LARGEST_CLASS else {name_of(effect)}
 
 
-def _at_places(truth: Entry, kinds: dict[str, str]) -> set[str]:
-    kind = kinds.get(truth["effect"])
+def _held(truth: Entry) -> set[str]:
+    """Names of what the first families call outside, where the catalogue holds it by now."""
+    kind = _HELD.get(truth["effect"])
     return {f"{kind}:{place}" for place in truth["places"]} if kind else set()
 
 
 def _names_of(truth: Entry) -> set[str]:
     """Effects of a key that are right."""
-    return {name_of(truth), *truth.get("alike", ()), *_at_places(truth, _RENAMED)}
+    return {name_of(truth), *truth.get("alike", ())}
 
 
 def is_named(effect: Entry, truth: Entry) -> bool:
@@ -97,7 +94,7 @@ def is_true(effect: Entry, truths: Iterable[Entry], outside: Entry | None) -> bo
     """The effect is in truth, or moves everything as something in truth does."""
     name = name_of(effect)
     known = any(is_named(effect, t) or name in t.get("twins", ()) for t in truths)
-    return known or (outside is not None and name in _at_places(outside, _HELD))
+    return known or (outside is not None and name in _held(outside))
 
 
 def _tuned(effect: Entry, truth: Entry) -> bool:
@@ -201,7 +198,7 @@ def judge(key: Entry, answer: Entry | None) -> Judgement:
     located = _located(causes, given)
     wrong = [e for e in effects if not is_true(e, truths, outside)]
     surest = max((e.get("probability") or 0.0 for e in wrong), default=0.0)
-    held = _at_places(outside, _HELD) if outside else set()
+    held = _held(outside) if outside else set()
     told = verdict in ("unknown", "partly") or (
         not wrong and any(name_of(e) in held for e in effects)
     )

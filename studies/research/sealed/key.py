@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studies.research.sealed.draw import Case
-from studies.research.sealed.instruments import Fault, Sensed
-from studies.research.sealed.judge import SENSED, SI, unit
+from studies.research.sealed.judge import SI, unit
 from studies.research.truth.causes import Cause
-from studies.research.truth.conditions import PAIRED, Conditions
+from studies.research.truth.conditions import PAIRED
 from studies.research.truth.effects import HARMONICS, TUNED, is_outside
-from studies.research.truth.files import (
-    cell_of_reader,
-    cell_of_scene,
-    table_of_reader,
-    table_of_scene,
-    write_scene,
-)
+from studies.research.truth.files import write_scene
 from studies.research.truth.scene import Scene
 
 LINES = 2.0
@@ -35,60 +27,7 @@ Entry = dict[str, Any]
 
 def write_case(folder: Path, case: Case) -> None:
     """Write cell.toml, robot.urdf, measurements.csv and heldout.csv into a new folder."""
-    table = partial(table_of_scene, case.scene, case.noisy, case.seen)
-    write_scene(folder, case.scene, cell_of_scene(folder.name, case.scene), table)
-
-
-def write_sensed(folder: Path, case: Sensed) -> None:
-    """The same of a case that another instrument reads."""
-    table = partial(table_of_reader, case.scene, case.reader, case.rows, case.site)
-    write_scene(folder, case.scene, cell_of_reader(folder.name, case.scene.arm, case.reader), table)
-
-
-def key_of_sensed(case: Sensed) -> Entry:
-    """Everything that scoring needs."""
-    cause, conditions = case.cause, asdict(Conditions(known_geometry=True))
-    effects = []
-    if cause is not None:
-        where = cause.where if isinstance(cause, Fault) else (cause.where,)
-        effects.append(
-            {
-                "effect": cause.effect,
-                "where": where[0],
-                "places": list(where),
-                "twins": [f"{cause.effect}:{other}" for other in where[1:]],
-                "noncentrality": case.noncentrality,
-                "beside": case.noncentrality,
-                "parameters": _of_fault(cause) if isinstance(cause, Fault) else _values(cause),
-            }
-        )
-    return {
-        "family": case.family,
-        "robot": case.scene.arm.name,
-        "draw": SENSED,
-        "conditions": {**conditions, "rigid": [], "reader": case.kind},
-        "effects": effects,
-        "outside": None,
-        "noncentrality": case.noncentrality,
-        "floor_mm": case.reader.floor,  # px of a camera, as the answers have it
-        "outliers": [],
-    }
-
-
-_OF_FAULT = {
-    "focal_scale": ("scale", "ppm"),
-    "board_scale": ("scale", "ppm"),
-    "focal_drift": ("rate", "ppm/h"),
-    "focal_expansion": ("growth", "ppm/K"),
-}
-
-
-def _of_fault(fault: Fault) -> list[Entry]:
-    """The parameter of a fault, where its value does not depend on where a clock or a frame begins."""
-    if fault.effect not in _OF_FAULT:
-        return []
-    name, shown = _OF_FAULT[fault.effect]
-    return [{"name": name, "value": fault.size / SI[shown], "unit": shown, "scored": True}]
+    write_scene(folder, case.scene, case.noisy, case.seen)
 
 
 def _values(

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 from studies.research.bench import table
 from studies.research.rates import Bar, Rate
-from studies.research.sealed.judge import CONFIDENT, SENSED, Judgement, judged_or_failed
+from studies.research.sealed.judge import CONFIDENT, Judgement, judged_or_failed
 from studies.research.sealed.seal import opened
 
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
@@ -121,17 +121,6 @@ REAL = Questions(
     (1.06, 1.2),
     _of_real_arms,
 )
-OTHERS = Questions(
-    (
-        _ALARMS,
-        *_one_cause("single", None, 0.93),
-        _misnamed("single"),
-        *_one_cause("instrument", None, 0.93),
-        _misnamed("instrument"),
-    ),
-    ("single", "instrument"),
-    (1.05, 1.2),
-)
 
 
 def score(folder: Path) -> Row:
@@ -139,7 +128,7 @@ def score(folder: Path) -> Row:
     keys, runs, answers = opened(folder)
     judged = [judged_or_failed(keys[name], answer) for name, answer in answers.items()]
     drawn = {key.get("draw") for key in keys.values()}
-    asked = REAL if "real arms" in drawn else OTHERS if SENSED in drawn else FIRST
+    asked = REAL if "real arms" in drawn else FIRST
     return {
         "schema": 1,
         "command": "sealed score",

@@ -20,7 +20,7 @@ from typing import Any
 import click
 import numpy as np
 
-from studies.research.sealed import draw, instruments, key
+from studies.research.sealed import draw, key
 
 COMMITMENT = "commitment.json"
 DIAGNOSE = (
@@ -39,9 +39,7 @@ class Population:
     """Cases of one kind; shares : of its families."""
 
     shares: Mapping[str, float]
-    draw: Callable[[np.random.Generator, str], Any]
-    write: Callable[[Path, Any], None] = key.write_case
-    key: Callable[[Any], dict[str, Any]] = key.key_of
+    draw: Callable[[np.random.Generator, str], draw.Case]
 
 
 POPULATIONS = {
@@ -49,12 +47,9 @@ POPULATIONS = {
     "arm_noise": Population(draw.FIRST_SHARES, draw.draw_noisy_case),
     "real_arms": Population(draw.REAL_SHARES, draw.draw_real_case),
     "foreign": Population(draw.FOREIGN_SHARES, draw.draw_foreign_case),
-    "instruments": Population(
-        instruments.SHARES, instruments.draw_sensed, key.write_sensed, key.key_of_sensed
-    ),
 }
 """The first families; the same with arms that scatter; arms as real ones are; causes by
-other formulas; other instruments."""
+other formulas."""
 
 
 def families(rng: np.random.Generator, count: int, shares: Mapping[str, float]) -> list[str]:
@@ -101,10 +96,10 @@ def make(folder: Path, count: int, seed: int, population: str = "first") -> None
             name = f"case_{index:04d}"
             # Each index has its own stream of random numbers.
             case = own.draw(np.random.default_rng([seed, index]), family)
-            own.write(folder / "cases" / name, case)
+            key.write_case(folder / "cases" / name, case)
             # The salt keeps the hash from being found by trying all that could have been drawn.
             head = {"schema": 1, "salt": secrets.token_hex(16), "case": name, "index": index}
-            write_json(folder / "keys" / f"{name}.json", {**head, **own.key(case)})
+            write_json(folder / "keys" / f"{name}.json", {**head, **key.key_of(case)})
     drawn_by = {} if population == "first" else {population: True}
     write_json(folder / "keys" / "seed.json", {"seed": seed, "count": count, **drawn_by})
     # Every key, and every file of every case so that none is exchanged.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from studies.research.truth.arms import Arm, Array, Mask
 from studies.research.truth.mechanism import urdf
 from studies.research.truth.noise import Noise
-from studies.research.truth.readers import Reader
 from studies.research.truth.scene import Scene
 
 Rows = NDArray[np.int_]
@@ -27,24 +26,21 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
     return stream.getvalue()
 
 
-def write_scene(folder: Path, scene: Scene, cell: str, table: Callable[[Rows], str]) -> None:
-    """Write cell.toml, robot.urdf, measurements.csv and heldout.csv into a new folder.
-
-    table : text of some poses, in order of time
-    """
+def write_scene(folder: Path, scene: Scene, points: Array, seen: Mask) -> None:
+    """Write cell.toml, robot.urdf, measurements.csv and heldout.csv into a new folder."""
     folder.mkdir(parents=True)
-    held = scene.session.held
+    fitted, held = np.flatnonzero(~scene.session.held), np.flatnonzero(scene.session.held)
     texts = {
-        "cell.toml": cell,
+        "cell.toml": _cell(folder.name, scene),
         "robot.urdf": urdf(scene.arm, scene.conditions.weighs),
-        "measurements.csv": table(np.flatnonzero(~held)),
-        "heldout.csv": table(np.flatnonzero(held)),
+        "measurements.csv": _table(scene, points, seen, fitted),
+        "heldout.csv": _table(scene, points, seen, held),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
 
 
-def cell_of_scene(name: str, scene: Scene) -> str:
+def _cell(name: str, scene: Scene) -> str:
     """The measurement cell with the user's model."""
     arm = scene.arm
     lines = ["schema = 1", f'name = "{name}"', "", *_robot(arm)]
@@ -79,12 +75,6 @@ def cell_of_scene(name: str, scene: Scene) -> str:
     return "\n".join([*lines, ""])
 
 
-def cell_of_reader(name: str, arm: Arm, reader: Reader) -> str:
-    """The cell of another instrument, whose model is nothing but places."""
-    head = "\n".join(["schema = 1", f'name = "{name}"', *_robot(arm), ""])
-    return f'{head}{reader.cell}[model]\neffects = ["base", "tool"]\n'
-
-
 def plain_cell(
     arm: Arm, guesses: Array, sigma: float, robot: Sequence[str], design: Sequence[str]
 ) -> str:
@@ -94,7 +84,7 @@ def plain_cell(
     return "\n".join([*lines, "[model]", 'effects = ["base", "tool", "geometry"]', ""])
 
 
-def table_of_scene(scene: Scene, points: Array, seen: Mask, poses: Rows) -> str:
+def _table(scene: Scene, points: Array, seen: Mask, poses: Rows) -> str:
     """Rows of the visible markers of some poses, points (N, M, 3) in m, in order of time."""
     session, arm, shown = scene.session, scene.arm, scene.arm.shown(scene.session.q)
     header = ["pose", "marker", *arm.columns(), "x_mm", "y_mm", "z_mm", *_WRENCH]
@@ -118,25 +108,6 @@ def table_of_scene(scene: Scene, points: Array, seen: Mask, poses: Rows) -> str:
             point = [f"{v:.5f}" for v in points[i, marker] * 1e3]
             angles = [f"{v:.6f}" for v in shown[i]]
             rows.append([session.names[i], f"m{marker + 1}", *angles, *point, *state])
-    return csv_text(rows)
-
-
-def table_of_reader(
-    scene: Scene, reader: Reader, readings: Array, site: NDArray[np.int_], poses: Rows
-) -> str:
-    """Rows of another instrument's readings (N, C, r) of some poses, in order of time."""
-    session, arm = scene.session, scene.arm
-    header = ["pose", "instrument", "marker", *(f"{name}_deg" for name in arm.names)]
-    header += ["temperature_degC", "time_s", *(f"approach_{name}" for name in arm.names)]
-    rows = [[*header, *_WRENCH, *reader.columns]]
-    for i in poses:
-        known = [f"{x:.10f}" for x in np.degrees(session.q[i])]
-        known += [f"{session.temperature[i]:.3f}", f"{session.time[i]:.1f}"]
-        known += [f"{x:.0f}" for x in session.approach[i] + 0.0]
-        known += [f"{x:.4f}" for x in scene.wrench[i]]
-        for c in np.flatnonzero(np.isfinite(readings[i]).all(axis=-1)).tolist():
-            instrument, marker, numbers = reader.row(readings[i, c], c, int(site[i]))
-            rows.append([session.names[i], instrument, marker, *known, *numbers])
     return csv_text(rows)
 
 

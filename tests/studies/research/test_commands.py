@@ -1,11 +1,10 @@
-"""Commands of research: comparing golden results, sentences that are counted."""
+"""Sentences that are counted: what a day asks, and how it is summed up."""
 
 from __future__ import annotations
 
 import json
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,30 +13,7 @@ from click.testing import CliRunner
 pytest.importorskip("mujoco")
 
 from studies.research.claims import SENTENCES, Said, main, summaries
-from studies.research.golden import differences
 from studies.research.truth.day import ARMS, SIGMA, Setting, draw_day
-
-OLD = {"rms_mm": {"heldout": 0.058}, "effects": [{"where": "A2", "std": 1e-3}], "seconds": 3.0}
-
-
-@pytest.mark.parametrize(
-    ("new", "kinds"),
-    [
-        (OLD, []),
-        ({**OLD, "seconds": 9.0}, []),
-        ({**OLD, "rms_mm": {"heldout": 0.058 * (1.0 + 1e-13)}}, []),
-        ({**OLD, "rms_mm": {"heldout": 0.058 * (1.0 + 1e-9)}}, ["value"]),
-        ({**OLD, "rms_mm": {"heldout": None}}, ["value"]),
-        ({**OLD, "effects": []}, ["value"]),
-        ({**OLD, "effects": [{"where": "A3", "std": 1e-3}]}, ["value"]),
-        ({**OLD, "effects": [{"where": "A2"}]}, ["key"]),
-    ],
-)
-def test_what_moved_is_found(new: dict[str, Any], kinds: list[str]) -> None:
-    assert [kind for kind, _ in differences(OLD, new, 1e-12)] == kinds
-
-
-# -- Sentences that are counted: what a day asks, and how it is summed up
 
 
 @pytest.mark.parametrize("index", [0, 1], ids=["joints", "tip"])

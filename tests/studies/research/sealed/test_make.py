@@ -20,12 +20,10 @@ from rich.console import Console
 pytest.importorskip("mujoco")
 
 import calib
-from calib.effects import EFFECTS
 from studies.research.sealed.__main__ import main
 from studies.research.sealed.draw import NONCENTRALITY, WHOLE, Case
-from studies.research.sealed.instruments import READERS, Fault, Sensed, draw_sensed
 from studies.research.sealed.judge import is_listed, judge
-from studies.research.sealed.key import key_of_sensed, write_sensed
+from studies.research.sealed.key import key_of, write_case
 from studies.research.sealed.score import score, shown
 from studies.research.sealed.seal import (
     POPULATIONS,
@@ -64,9 +62,6 @@ DIGESTS = {
     ("real_arms", "mixture", 1): "a4464144a59edf58",
     ("real_arms", "whole", 2): "ee4ca009b811bed2",
     ("real_arms", "outside", 4): "ed6f47ec777d5353",
-    ("instruments", "null", 2): "6927ae3407a79a99",
-    ("instruments", "single", 0): "6b2323fb258a6f11",
-    ("instruments", "instrument", 1): "3ed12fda7e72eee3",
 }
 # How many causes a key asks for, where it is not one.
 ASKED = {"null": (0, 0), "outside": (0, 0), "pair": (2, 2), "mixture": (3, 8), "whole": (3, 7)}
@@ -80,10 +75,10 @@ def test_a_case_is_what_its_key_says(
     """Drawn, written and read by the program; who knows its key is right in everything."""
     own, folder = POPULATIONS[population], tmp_path / f"case_{index:04d}"
     case = own.draw(np.random.default_rng([77, index]), family)
-    own.write(folder, case)
+    write_case(folder, case)
     whole = b"".join(path.read_bytes() for path in sorted(folder.iterdir()))
     assert hashlib.sha256(whole).hexdigest().startswith(DIGESTS[population, family, index])
-    key = {"case": folder.name, **own.key(case)}
+    key = {"case": folder.name, **key_of(case)}
     json.dumps(key, allow_nan=False)
     read_as_said(folder, case, key)
     causes = asked(key)
@@ -120,7 +115,7 @@ def asked(key: dict[str, Any]) -> list[dict[str, Any]]:
     return [entry for entry in key["effects"] if not entry.get("background")]
 
 
-def read_as_said(folder: Path, case: Case | Sensed, key: dict[str, Any]) -> None:
+def read_as_said(folder: Path, case: Case, key: dict[str, Any]) -> None:
     """Files that the program reads, with the columns of the conditions; they name no cause."""
     conditions, scene = key["conditions"], case.scene
     cell, data = read_files(folder)
@@ -132,14 +127,13 @@ def read_as_said(folder: Path, case: Case | Sensed, key: dict[str, Any]) -> None
     rows = list(csv.DictReader(io.StringIO((folder / "measurements.csv").read_text())))
     for name, column in (("time", "time_s"), ("temperature", "temperature_degC")):
         assert (column in rows[0]) == (conditions["missing"] != name)
-    if isinstance(case, Case):
-        fitted = np.flatnonzero(~scene.session.held)
-        assert (len(data.poses), len(held.poses)) == (len(fitted), scene.session.held.sum())
-        for k, joint in enumerate(scene.arm.joints):
-            column = f"{joint.name}_{'N' if joint.slides else 'Nm'}"
-            assert (column in rows[0]) == conditions["torques"]
-            if scene.measured is not None:
-                assert float(rows[0][column]) == pytest.approx(scene.measured[fitted[0], k])
+    fitted = np.flatnonzero(~scene.session.held)
+    assert (len(data.poses), len(held.poses)) == (len(fitted), scene.session.held.sum())
+    for k, joint in enumerate(scene.arm.joints):
+        column = f"{joint.name}_{'N' if joint.slides else 'Nm'}"
+        assert (column in rows[0]) == conditions["torques"]
+        if scene.measured is not None:
+            assert float(rows[0][column]) == pytest.approx(scene.measured[fitted[0], k])
 
 
 def perfect(key: dict[str, Any]) -> dict[str, Any]:
@@ -341,56 +335,3 @@ def test_formulas() -> None:
     time = np.arange(0.0, 40000.0, 10.0)
     lag = foreign.lagging(20.0 + 1e-3 * time, time, 1200.0)
     np.testing.assert_allclose(20.0 + 1e-3 * time[-1] - lag[-1], 1.2, rtol=0.01)
-
-
-# -- Sealed cases that other instruments read: noise as sealed, faults as drawn, through files alone
-
-
-# It takes seconds to put a ball into sockets, and cameras have their noise by their faults below.
-QUICK = ("pose", "distance")
-SOCKET = pytest.param("socket", marks=pytest.mark.long)
-
-
-@pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=() if k in QUICK else pytest.mark.long) for k in READERS]
-)
-def test_the_truth_is_known_to_its_noise(kind: str, tmp_path: Path) -> None:
-    """Without a cause the user's model fits within the noise, whose size the key holds."""
-    case = draw_sensed(np.random.default_rng(4), "null", kind)
-    write_sensed(tmp_path / "case", case)
-    cell, data = read_files(tmp_path / "case")
-    found = calib.identify(cell, data)
-    assert found.status == "converged"
-    assert found.noise.factor == pytest.approx(1.0, abs=0.15)
-    heldout = calib.load_measurements(cell, tmp_path / "case" / "heldout.csv")
-    off = found.model.off(found.values, heldout) * found.model.readout.channels.lengths
-    rms = np.sqrt((off**2).sum(axis=-1)[heldout.seen].mean())
-    scale = 1.0 if "camera" in kind else 1e3
-    assert rms * scale == pytest.approx(case.reader.floor, rel=0.25)
-
-
-def known(case: Sensed) -> bool:
-    """Whether the fault is an effect of the catalogue: some of those that are drawn are none."""
-    return key_of_sensed(case)["effects"][0]["effect"] in EFFECTS
-
-
-@pytest.mark.parametrize("kind", ["world camera", "tip camera", SOCKET])
-def test_faults_are_what_the_answers_call_them(kind: str, tmp_path: Path) -> None:
-    """The effect of the key in the model takes up what the fault does, at its value."""
-    drawn = (draw_sensed(np.random.default_rng(k), "instrument", kind) for k in range(5, 50))
-    case = next(own for own in drawn if isinstance(own.cause, Fault) and known(own))
-    write_sensed(tmp_path / "case", case)
-    (entry,) = key_of_sensed(case)["effects"]
-    path = tmp_path / "case" / "cell.toml"
-    effect = f'"{entry["effect"]}:{entry["where"]}"'
-    path.write_text(path.read_text().replace('"tool"]', f'"tool", {effect}]'))
-    cell = calib.load_cell(path)
-    data = calib.load_measurements(cell, tmp_path / "case" / "measurements.csv")
-    found = calib.identify(cell, data)
-    assert found.noise.factor == pytest.approx(1.0, abs=0.15)
-    for truth in entry["parameters"]:
-        ids = [(p.effect, p.name) for p in found.model.parameters]
-        at = ids.index((entry["effect"], truth["name"]))
-        p = found.model.parameters[at]
-        assert p.unit == truth["unit"]
-        assert abs(found.values[at] / p.scale - truth["value"]) < 4.0 * found.std[at] / p.scale

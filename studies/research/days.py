@@ -30,11 +30,11 @@ class Read:
         return targets_of(self.cell)[0]
 
 
-def read(day: Day, robot: tuple[str, ...] = (), rows: Columns = (), asked: Columns = ()) -> Read:
+def read(day: Day, rows: Columns = (), asked: Columns = ()) -> Read:
     """A day as its files say it; see :func:`write_day`."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        write_day(folder, day, robot, rows, asked)
+        write_day(folder, day, read=rows, asked=asked)
         cell = calib.load_cell(folder / "cell.toml")
         tables = (folder / f"{table}.csv" for table in ("measurements", "exact"))
         return Read(day, cell, *(calib.load_measurements(cell, table) for table in tables))

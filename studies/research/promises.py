@@ -98,7 +98,7 @@ def promised(kind: str, index: int, seed: int) -> Row:
     """One day: expected and true RMS at the targets, mm, and the share within the expanded figure."""
     beyond = KINDS[kind](np.random.default_rng([seed, index, list(KINDS).index(kind)]))
     day = draw_day(_SETTING, index, seed, lambda q: q + beyond.play, beyond.floor)
-    own, rng = read(day, (), beyond.rows, beyond.asked), np.random.default_rng([seed, index, 9])
+    own, rng = read(day, beyond.rows, beyond.asked), np.random.default_rng([seed, index, 9])
     found, after = calib.identify(own.cell, own.data), own.cell.design.targets_after or 0.0
     targets, weights = targets_of(own.cell)
     parts = accuracy_at_targets(own.cell, found, estimate_of(found, after)).parts

@@ -27,14 +27,11 @@ SAMPLED = 8
 
 
 @pytest.hookimpl(tryfirst=True)  # before those not asked for are left out
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as long what takes a long fixture, and of sampled cases all but one in eight.
 
-    What reads the demonstration comes first, so that one process makes it and none waits for it. Where
-    all tests are asked for, those are left out that are a part of a long one.
+    What reads the demonstration comes first, so that one process makes it and none waits for it.
     """
-    if not config.option.markexpr:
-        items[:] = [item for item in items if not item.get_closest_marker("part")]
     cases: Counter[str] = Counter()
     items.sort(key=lambda item: "demo_folder" not in getattr(item, "fixturenames", ()))
     for item in items:

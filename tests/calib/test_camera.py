@@ -361,7 +361,6 @@ def noisy_day(folder: Path, setup: str, **truth: object) -> tuple[Cell, Measurem
         ("kr270", {"cam": 0.5, "tracker": 2.0}),
         ("kr270, hand", {"cam": 2.0}),
         pytest.param("kr270", {}, marks=pytest.mark.long),
-        pytest.param("kr270, two", {"left": 2.0}, marks=pytest.mark.long),
     ],
 )
 @pytest.mark.parametrize("scatter", [0.0, 2e-5])
@@ -389,15 +388,15 @@ def test_a_model_that_lacks_something_makes_no_instrument_noisy(tmp_path: Path) 
 
 @pytest.mark.long
 def test_what_is_off_is_off_by_its_deviation(tmp_path: Path) -> None:
-    """Beside a camera twice as noisy as stated: four days, three offsets each."""
+    """Beside a camera twice as noisy as stated: two days, three offsets each."""
     own, squares = {"effects": '"base", "tool", "joint_offset:A2,A3,A5"', "moved": (0.0, 0.0)}, 0.0
-    for seed in range(4):
+    for seed in range(2):
         scales = {"cam": 2.0, "tracker": 0.7}
         day = noisy_day(tmp_path, "kr270", seed=seed, scales=scales, **own)
         values, covariance = off_by(calib.identify(*day))
         missed = values - OFF[[1, 2, 4]]
         squares += float(missed @ np.linalg.solve(covariance, missed))
-    assert 4.4 < squares < 23.3, "a chi-square of 12, 19 times in 20"
+    assert 1.24 < squares < 14.4, "a chi-square of 6, 19 times in 20"
 
 
 def test_the_noise_of_an_instrument_is_told(tmp_path: Path) -> None:

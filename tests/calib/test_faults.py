@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2", exc_type=ImportError)
 
 import calib
-from tests.camera_days import SETUPS, Truth, kr270_day
 from tests.day import Sizes, day
 from tests.instrument_days import SITES
 
@@ -68,19 +65,3 @@ def test_nothing_is_wrong(scene: str) -> None:
     asked = (h.where for h in found.hidden if np.isfinite(h.smallest))
     places = {where for where in asked if ":" in where and not where.startswith("marker:")}
     assert places == PLACES[scene]
-
-
-@pytest.mark.long
-def test_two_cameras_at_the_level_of_noise_leave_nothing(tmp_path: Path) -> None:
-    """Though their noise is not larger where the board looks smaller, as they are taken to have it.
-
-    A variance enters by chance on one clean day in twenty: it is told as scatter, and is no gap. Both
-    of two would come once in 400. What a clean day forecasts is in tests/doe/test_cameras.py.
-    """
-    scatters = 0
-    for seed in range(2):
-        truth = Truth(np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0]), seed=seed, grows=False)
-        found = calib.diagnose(*kr270_day(tmp_path, SETUPS["kr270, two"], truth, 18, 3))
-        assert (found.verdict, found.causes) == ("no_gap", ())
-        scatters += found.rest.kind != "none"
-    assert scatters <= 1

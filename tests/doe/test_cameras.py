@@ -172,28 +172,18 @@ OFF = np.array([0.0, 8e-4, -6e-4, 0.0, 1.1e-3, 0.0])
 
 
 @pytest.mark.parametrize(
-    ("setup", "grows", "scatter", "seeds"),
+    ("setup", "grows", "scatter", "seed"),
     [
         # A camera quieter than stated, a tracker as stated.
-        pytest.param("kr270", False, 0.0, (0,), marks=pytest.mark.part),
-        pytest.param("kr270", True, 1.5e-5, (9,), marks=pytest.mark.part),
-        pytest.param("kr270", False, 0.0, range(2), marks=pytest.mark.long),
-        pytest.param("kr270", True, 1.5e-5, (0, 9), marks=pytest.mark.long),
-        pytest.param("kr270, two", False, 0.0, range(2), marks=pytest.mark.long),
+        ("kr270", False, 0.0, 0),
+        ("kr270", True, 1.5e-5, 9),
+        pytest.param("kr270, two", False, 0.0, 0, marks=pytest.mark.long),
     ],
 )
-def test_clean_days_have_nothing_systematic(
-    tmp_path: Path, setup: str, grows: bool, scatter: float, seeds: range
+def test_a_clean_day_has_nothing_systematic(
+    tmp_path: Path, setup: str, grows: bool, scatter: float, seed: int
 ) -> None:
-    """On one day in twenty chance looks like something: counted 2 of 60 for two cameras.
-
-    Both of two would come once in 400.
-    """
-    systematic = 0
-    for seed in seeds:
-        truth = Truth(OFF, seed=seed, grows=grows, scatter=scatter)
-        cell, data = kr270_day(tmp_path, SETUPS[setup], truth, 30, 4)
-        found = doe.enough(cell, data)
-        lacking, now = found.lacking, found.steps[0].task_rms
-        systematic += lacking.of_model > 0.5 * now
-    assert systematic <= len(seeds) // 2
+    """On one day in twenty chance looks like something: counted 2 of 60 for two cameras."""
+    truth = Truth(OFF, seed=seed, grows=grows, scatter=scatter)
+    found = doe.enough(*kr270_day(tmp_path, SETUPS[setup], truth, 30, 4))
+    assert found.lacking.of_model <= 0.5 * found.steps[0].task_rms

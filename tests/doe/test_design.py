@@ -269,18 +269,18 @@ def test_obstacles_sight_and_load_are_kept(elastic: Cell) -> None:
         marker_acceptance=np.full(3, np.radians(60)),
         load=Load(250.0, (0.3, 0.0, 0.15), np.radians(60)),
     )
-    plan = doe.design(cell, levels=LEVELS, criterion="A", candidates=8000)
+    plan = doe.design(cell, levels=LEVELS, criterion="A", candidates=3000)
     scene = scene_of(cell, plan.poses.q)
     for constraint in constraints_of(cell):
         assert constraint.allows(scene).all(), constraint.name
     removed = plan.problem.pool.removed_by
     assert {"obstacle 1 (halfspace)", "obstacle 2 (sphere)", "hanging_load"} <= set(removed)
     assert min(removed["obstacle 1 (halfspace)"], removed["hanging_load"]) > 0
-    assert plan.problem.pool.drawn == 8000 == plan.problem.pool.feasible + sum(removed.values())
+    assert plan.problem.pool.drawn == 3000 == plan.problem.pool.feasible + sum(removed.values())
     hidden = int((~visible(scene)).sum())
     assert plan.assessment.hidden == hidden
     assert any("out of sight" in own for own in plan.granted) == (hidden > 0)
-    free = doe.design(elastic, levels=LEVELS, criterion="A", candidates=8000)
+    free = doe.design(elastic, levels=LEVELS, criterion="A", candidates=3000)
     assert free.value < plan.value
 
 
@@ -307,7 +307,6 @@ def test_e_with_a_free_base_says_so(kr270: Cell) -> None:
     soft = replace(kr270, effects=("base", "joint_compliance:A3,A4,A5,A6"), design=Planned())
     for cell, of, said in (
         (free, (), True),
-        (soft, (), False),
         (soft, ("joint_compliance",), False),
     ):
         plan = doe.design(cell, poses=15, criterion="E", of=of, **QUICK)

@@ -15,6 +15,7 @@ from calib.arm.se3 import (
     so3_about,
     so3_exp,
     so3_right_jacobian,
+    so3_terms,
     turned,
 )
 from calib.arrays import Array, IntArray, room
@@ -75,14 +76,15 @@ def forward(
     first = np.zeros((1, count, 6)) if constant is None else constant[..., None, :, :]
     second = np.zeros((m, count, 6)) if present is None else present
     batch = (*np.broadcast_shapes(first.shape[:-3], second.shape[:-3]), m)
-    moves = [np.asarray(xi.any(axis=(*range(xi.ndim - 2), -1))) for xi in (first, second)]
+    moves = [_moves(xi) for xi in (first, second)]
+    joints = so3_terms(robot.axes)
     # Axes: nominal, after the constant displacement, after the present one, after the joint's motion.
     # A displacement that moves no frame shares the arrays of the stage before it.
     nominal, moved = room(batch, count, 3, 3), room(batch, count, 3, 3)
-    axes = [nominal, *(np.empty_like(nominal) if own.any() else nominal for own in moves)]
-    axes[2] = axes[2] if moves[1].any() else axes[1]
+    axes = [nominal, *(np.empty_like(nominal) if own else nominal for own in moves)]
+    axes[2] = axes[2] if moves[1] else axes[1]
     origins = [room(batch, count, 3)]
-    origins.append(np.empty_like(origins[0]) if moves[1].any() else origins[0])
+    origins.append(np.empty_like(origins[0]) if moves[1] else origins[0])
     ends: list[tuple[Array, Array]] = []  # of the frames, after their joints' motion
     rotation, origin = np.eye(3), np.zeros(3)
     for k in range(count):
@@ -94,23 +96,31 @@ def forward(
             if not np.array_equal(C[:3, :3], _UNTURNED):
                 rotation = by_one(rotation, C[:3, :3])
         nominal[..., k, :, :] = rotation
-        for stage, xi in enumerate((first, second)):
-            if moves[stage][k]:
-                origin = origin + rotate(rotation, xi[..., k, :3])
-                rotation = turned(rotation, so3_exp(xi[..., k, 3:]))
+        for stage, own in enumerate(moves):
+            if k in own:
+                shift, turn = own[k]
+                origin, rotation = origin + rotate(rotation, shift), turned(rotation, turn)
             axes[stage + 1][..., k, :, :], origins[stage][..., k, :] = rotation, origin
         if 0 < k <= robot.dof:
-            axis, value = robot.axes[k - 1], q[:, k - 1]
             if robot.prismatic[k - 1]:
-                origin = origin + rotate(rotation, axis * value[:, None])
+                origin = origin + rotate(rotation, robot.axes[k - 1] * q[:, k - 1, None])
             else:
-                rotation = turned(rotation, so3_about(axis, value))
+                rotation = turned(rotation, so3_about(joints[k - 1], q[:, k - 1]))
         moved[..., k, :, :] = rotation
         ends.append((rotation, origin))
     return Frames(
         DisplacedFrames(first, axes[0], axes[1], origins[0]),
         DisplacedFrames(second, axes[1], axes[2], origins[1]),
         moved,
+    )
+
+
+def _moves(xi: Array) -> dict[int, tuple[Array, Array]]:
+    """Shift (..., m, 3) and rotation (..., m, 3, 3) of each frame that xi (..., m, F, 6) displaces."""
+    at = np.flatnonzero(xi.any(axis=(*range(xi.ndim - 2), -1)))
+    own = np.moveaxis(xi[..., at, :], -2, 0)
+    return dict(
+        zip(at.tolist(), zip(own[..., :3], so3_exp(own[..., 3:]), strict=True), strict=True)
     )
 
 

@@ -100,8 +100,6 @@ def _term(square: Array, first: int) -> Array:
     ``sum_k (-square)^k / (2 k + first)!``, the exact form for large angles.
     """
     large = square > _SERIES
-    if large.all():
-        return _EXACT[first](np.sqrt(square))
     small = np.full_like(square, 1.0 / math.factorial(2 * _TERMS + first))
     for k in reversed(range(_TERMS)):
         small = 1.0 / math.factorial(2 * k + first) - square * small
@@ -126,13 +124,17 @@ def so3_exp(r: Array) -> Array:
     return _about(r, square, _term(square, 1), _term(square, 2))
 
 
-def so3_about(axis: Array, angle: Array) -> Array:
-    """Rotation matrices about one fixed unit axis of shape (3,), angles (...) in rad -> (..., 3, 3)."""
-    along = np.outer(axis, axis)
-    parts = np.stack([along, skew(axis), np.eye(3) - along]).reshape(3, 9)
-    terms = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)])
-    found = parts.T @ terms.reshape(3, -1)
-    return batch_first(found.reshape((3, 3, *terms.shape[1:])), 2)
+def so3_terms(axes: Array) -> Array:
+    """Rotations about unit axes (..., 3) as columns of 1, sin and cos of the angle, (..., 9, 3)."""
+    along = axes[..., :, None] * axes[..., None, :]
+    parts = np.stack([along, skew(axes), np.eye(3) - along], axis=-1)
+    return parts.reshape(*axes.shape[:-1], 9, 3)
+
+
+def so3_about(own: Array, angle: Array) -> Array:
+    """Rotation matrices, shape (m, 3, 3), by angles (m,), rad; own : (9, 3), of :func:`so3_terms`."""
+    terms = np.array([np.ones_like(angle), np.sin(angle), np.cos(angle)])
+    return batch_first((own @ terms).reshape(3, 3, -1), 2)
 
 
 def _squared(r: Array) -> Array:

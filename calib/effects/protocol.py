@@ -335,8 +335,7 @@ class ElasticEffect(TwistEffect):
 
 def _by_wrench(K: Array, local: Array) -> Array:
     """D xi / d parameter by the wrench of a frame (..., m, 6), shape (..., m, 6, p), SI."""
-    K = np.broadcast_to(K, (local.shape[-2], *K.shape[1:]))
-    return np.asarray(np.einsum("mijp,...mj->...mip", K, local, optimize=True))
+    return np.asarray(np.einsum("mijp,...mj->...mip", K, local))
 
 
 @dataclass(frozen=True, eq=False)

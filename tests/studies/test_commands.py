@@ -136,7 +136,7 @@ def test_it_names_the_poses_that_the_goal_needs_or_how_many_more(small: Path) ->
         return result(small / "out.json", *call, *goal, kind="enough")
 
     now, _ = asked()
-    assert now["plan"] == {"poses": 8, "measured": 4, "to_measure": 4}
+    assert now["plan"] == {"poses": 8, "measured": 4, "begun": 0, "to_measure": 4}
     fields, said = asked("--goal-mm", now["order"][1]["task_most_mm"] * 1.0001)
     names = ", ".join(step["pose"] for step in fields["order"][:2])
     assert fields["poses_to_goal"] == 2

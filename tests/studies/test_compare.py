@@ -497,7 +497,7 @@ def computed(trials: int, executor: Executor | None = None) -> dict[str, Refits]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("who", ["threads", "processes", "dask"])
+@pytest.mark.parametrize("who", ["processes", "dask"])
 def test_no_digit_depends_on_who_computes(who: str) -> None:
     with pool(who) as executor:
         for trials in (MOST_TRIALS, MOST_TRIALS + 17):  # one block; a whole one and a part

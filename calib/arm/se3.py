@@ -80,9 +80,10 @@ def turned(A: Array, B: Array) -> Array:
 
 def by_one(A: Array, M: Array) -> Array:
     """Product of a stack of matrices (..., l, k) and a single one (k, n), shape (..., l, n)."""
-    first = np.moveaxis(A, (-1, -2), (0, 1))
+    n = A.ndim - 2
+    first = A.transpose(n + 1, n, *range(n))
     found = (M.T @ first.reshape(len(M), -1)).reshape((M.shape[1], *first.shape[1:]))
-    return np.moveaxis(found, (0, 1), (-1, -2))
+    return found.transpose(*range(2, n + 2), 1, 0)
 
 
 def double_cross(a: Array, b: Array) -> Array:

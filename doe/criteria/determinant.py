@@ -38,7 +38,7 @@ class Subset(Criterion):
         W = solved(M, self.V.T)
         return np.asarray(self.value(M) / len(self.V) * W @ np.linalg.solve(self.V @ W, W.T))
 
-    def conic(self, M: Any, at: Array) -> Conic:
+    def conic(self, M: Any) -> Conic:
         import cvxpy as cp
 
         V = self.V / np.linalg.norm(self.V, axis=1, keepdims=True)
@@ -75,7 +75,7 @@ class Determinant(Subset):
     def gain(self, cov: Array, rows: Array) -> Array:
         return logdet_increase(cov, rows)
 
-    def conic(self, M: Any, at: Array) -> Conic:
+    def conic(self, M: Any) -> Conic:
         import cvxpy as cp
 
         return Conic(cp.log_det(M))

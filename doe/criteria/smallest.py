@@ -17,7 +17,6 @@ from doe.optimal.blocks import pack, trace_decrease, unpack
 _SHARPNESS = 60.0  # exponent with which the default supergradient weighs the smallest ones
 _LEAST = 1e-300  # a variance is above zero, whatever rounding makes of it
 _OTHERS = 4.0  # exponent with which the other eigenvalues count in the ranking
-_CONES = 4  # members that enter a conic program for each matrix it has met: the smallest there
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +53,7 @@ class SmallestEigenvalue(Criterion):
         z = W @ (vectors * np.maximum(values / values[-1], 0.0) ** _OTHERS)
         return trace_decrease(cov, z @ z.T, rows)
 
-    def conic(self, M: Any, at: Array) -> Conic:
+    def conic(self, M: Any) -> Conic:
         import cvxpy as cp
 
         scale = np.linalg.norm(self.V, 2)
@@ -125,22 +124,6 @@ class WorstRegion(Smallest):
         C = unpack(weights @ self._packed)
         V = np.linalg.inv(M)
         return np.asarray(V @ C @ V / float((V * C).sum()) ** 2)
-
-    def conic(self, M: Any, at: Array) -> Conic:
-        import cvxpy as cp
-
-        members = self.members(at)
-        worst = np.unique(np.argsort(members, axis=-1)[:, :_CONES])
-        scale = 1.0 / members.min()
-        largest = cp.Variable()
-        below = [cp.matrix_frac(self.F[k] / np.sqrt(scale), M) <= largest for k in worst]
-
-        def witness() -> Array:
-            weights = np.zeros(len(self.F))
-            weights[worst] = np.maximum([float(c.dual_value) for c in below], 0.0)
-            return self.member_gradient(M.value, weights / weights.sum())
-
-        return Conic(-largest, below, witness)
 
 
 @dataclass(frozen=True, eq=False)

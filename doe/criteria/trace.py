@@ -40,7 +40,7 @@ class Trace(Criterion):
         W = cov @ self.F
         return trace_decrease(cov, W @ W.T, rows)
 
-    def conic(self, M: Any, at: Array) -> Conic:
+    def conic(self, M: Any) -> Conic:
         import cvxpy as cp
 
         F = self.F / np.linalg.norm(self.F)

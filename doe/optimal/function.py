@@ -68,12 +68,8 @@ class InformationFunction(ABC):
         """Whether there is a :meth:`conic` form; without it, and not ``smooth``, bounds are loose."""
         return type(self).conic is not InformationFunction.conic
 
-    def conic(self, M: Any, at: Array) -> Conic:
-        """The criterion in cvxpy.
-
-        M : symmetric expression of shape (p, p)
-        at : ndarray, shape (R, p, p), where it has been, the last one now
-        """
+    def conic(self, M: Any) -> Conic:
+        """The criterion in cvxpy of a symmetric expression M of shape (p, p)."""
         raise NotImplementedError(f"criterion {self.name} has no cone form")
 
     def curvature(self, M: Array, columns: Array) -> tuple[Array, Array]:

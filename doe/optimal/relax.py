@@ -28,7 +28,6 @@ _MOST_ROUNDS, _WARM_ROUNDS = 40, 3
 _NEAR = 0.96  # share of the score that enters a plan, below which a candidate without weight leaves
 _IDLE = 5e-3  # weight that is none: an interior point leaves a little everywhere
 _DIGITS = 0.02  # precision of a master, of the gap that is left
-_MEMORY = 12  # matrices that criteria with many cones look back on
 _PATIENCE = 3  # rounds with neither a better bound nor a new candidate: the solver is at its end
 _RANDOM = 20  # plans by chance that the method without cones begins with
 _STEPS = 150  # of it
@@ -78,12 +77,11 @@ def relax(
         return _stepped(posed)
     active, M = _warm_start(posed, 1 if len(start) else _WARM_ROUNDS)
     active = np.union1d(active, np.asarray(start, dtype=int))
-    met, precision, best, G_best, stalled = [M], _DIGITS, np.inf, np.zeros_like(M), 0
+    precision, best, G_best, stalled = _DIGITS, np.inf, np.zeros_like(M), 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         part = posed.take(active)
-        weights, witness = _master(part, np.array(met[-_MEMORY:]), precision)
+        weights, witness = _master(part, M, precision)
         M = part.blocks.total(np.arange(len(active)), weights)
-        met.append(M)
         value = float(criterion.value(M))
         proofs = [criterion.gradient(M)] + ([] if witness is None else [witness])
         bound, G, scores = min((posed.proof(G) for G in proofs), key=lambda proof: proof[0])
@@ -141,16 +139,19 @@ def bounded(posed: Selection, relaxed: Relaxation) -> Relaxation:
     return min(relax(posed, start=relaxed.support), at_hand, key=lambda one: one.bound)
 
 
-def _master(part: Selection, met: Array, precision: float) -> tuple[Array, Array | None]:
-    """Weights of all candidates, and a supergradient from the dual where there is one."""
+def _master(part: Selection, M: Array, precision: float) -> tuple[Array, Array | None]:
+    """Weights of all candidates, and a supergradient from the dual where there is one.
+
+    M : ndarray, shape (p, p), information so far: its best plan stands in where the solver fails
+    """
     if part.criterion.smooth and not part.allowed.chooses_levels:
         # A singular step, on problems at the edge of rank: the cone program may still do.
         with suppress(np.linalg.LinAlgError):
             return newton_weights(part, precision), None
-    solved = conic_weights(part, met)
+    solved = conic_weights(part)
     if solved is not None:
         return solved
-    _, chosen = part.allowed.best(part.blocks.scores(part.criterion.gradient(met[-1])))
+    _, chosen = part.allowed.best(part.blocks.scores(part.criterion.gradient(M)))
     return np.bincount(chosen, minlength=len(part)).astype(float), None
 
 
@@ -221,11 +222,9 @@ def _longest(x: Array, dx: Array) -> float:
     return min(1.0, _TO_BOUNDARY * float((-x[falling] / dx[falling]).min(initial=np.inf)))
 
 
-def conic_weights(posed: Selection, at: Array) -> tuple[Array, Array | None] | None:
+def conic_weights(posed: Selection) -> tuple[Array, Array | None] | None:
     """Weights of all candidates, shape (q,), and a supergradient from the dual where there is one.
 
-    at : ndarray, shape (R, p, p), information matrices met so far: criteria with many cones take those
-        that count there
     Returns None where the solver fails.
     """
     import cvxpy as cp
@@ -235,7 +234,7 @@ def conic_weights(posed: Selection, at: Array) -> tuple[Array, Array | None] | N
     w = cp.Variable(q)
     columns = blocks.matrices(np.arange(q)).reshape(q, p * p).T
     M = cp.reshape(columns @ w + blocks.fixed.reshape(-1), (p, p), order="F") / allowed.size
-    program = posed.criterion.conic(M, at)
+    program = posed.criterion.conic(M)
     problem = cp.Problem(
         cp.Maximize(program.objective), [*_polytope(w, allowed), *program.constraints]
     )

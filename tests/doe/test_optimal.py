@@ -83,8 +83,8 @@ def test_certified_to_the_gap_and_exchanged_for_the_better(name: str, rules: str
     problem = posed(name, rules)
     allowed, blocks = problem.allowed, problem.blocks
     relaxed = relax(problem)
-    # Rivals have no cone form: their bound is found by steps.
-    assert -1e-9 <= relaxed.gap <= (0.2 if name == "rivals" else 1e-4)
+    # The worst of several have no cone form: their bound is found by steps.
+    assert -1e-9 <= relaxed.gap <= {"rivals": 0.2, "G": 0.03}.get(name, 1e-4)
     sums = np.bincount(allowed.group[relaxed.index], relaxed.weights, len(allowed.positions))
     assert sums.sum() == pytest.approx(allowed.size, rel=1e-5)
     if not allowed.chooses_levels:
@@ -108,7 +108,7 @@ def test_both_masters_agree(name: str, rules: str) -> None:
     """The interior point method against cvxpy and clarabel."""
     problem = posed(name, rules)
     everyone = np.arange(len(problem.blocks))
-    solved = conic_weights(problem, np.eye(P)[None])
+    solved = conic_weights(problem)
     assert solved is not None
     newton, cone = (
         float(problem.criterion.value(problem.blocks.total(everyone, weights)))

@@ -6,7 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -469,11 +469,8 @@ NOWHERE = "tcp://127.0.0.1:1"
 
 @contextmanager
 def pool(who: str) -> Iterator[Executor | None]:
-    """Threads, processes, or a dask cluster of two processes."""
-    if who == "threads":
-        with ThreadPoolExecutor(4) as threads:
-            yield threads
-    elif who == "processes":
+    """Two processes, alone or as a dask cluster."""
+    if who == "processes":
         with engine(workers=2) as processes:
             yield processes
     else:

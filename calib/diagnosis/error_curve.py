@@ -54,7 +54,8 @@ class ErrorCurve:
     load : ndarray, shape (6,), component of the wrench where that is the variable, else None
     poses : Poses, the m of the data; variable : ndarray, shape (m,)
     knots : ndarray, shape (K,); grid : ndarray, shape (g,), of the variable
-    value, std : ndarray, shape (g, c), the curve and its standard deviation on the grid
+    value, std : ndarray, shape (g, c), the curve and its standard deviation on the grid, NaN where no
+        pose was read
     at_poses, std_at_poses : ndarray, shape (m, c), the same at the poses
     single : ndarray, shape (m, c), what each pose says by itself (partial residuals); NaN where a pose
         was left out or has too few points
@@ -106,7 +107,10 @@ def error_curve(result: Diagnosis, candidate: Candidate) -> ErrorCurve | None:
     h = np.linalg.lstsq(hats, effect, rcond=None)[0]
     knots, ends = function.knots, np.arange(len(function.knots))
     grid = np.interp(np.linspace(0.0, ends[-1], ends[-1] * _STEPS + 1), ends, knots)
-    value, std = line.at(function.at(grid))
+    on_grid = function.at(grid)
+    value, std = line.at(on_grid)
+    unseen = on_grid[:, ~hats.any(axis=0)].any(axis=1)  # beside knots where no pose was read
+    value[unseen] = std[unseen] = np.nan
     at_poses, std_at_poses = line.at(hats)
     return ErrorCurve(
         candidate=candidate,

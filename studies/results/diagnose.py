@@ -41,7 +41,8 @@ from studies.results.parts import Conditions
 
 _MINOR = 0.005  # of the error
 _DECIDED_BY = {
-    "board_scale": "measure the board with a caliper, or add one known length ([[known_distances]])"
+    "board_scale": "measure the board with a caliper, or add one known length ([[known_distances]])",
+    "tracker_scale": "check the tracker's scale by one known length ([[known_distances]])",
 }
 """What would tell a cause from those that look alike, beyond further poses."""
 

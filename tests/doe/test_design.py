@@ -16,6 +16,7 @@ import doe
 from calib import CalibError, Cell, Poses, observation, parameters, simulate
 from calib.api import readings
 from calib.arm.robot import Capsule, Shapes
+from calib.arrays import Array
 from calib.cell import Load
 from calib.cell.planned import Planned
 from calib.cell.targets import targets_of
@@ -27,7 +28,9 @@ from calib.poses import poses_at
 from doe import CannotIdentify
 from doe.constraints import constraints_of, scene_of, visible
 from doe.levels import levels_of, parse_levels
+from doe.plan import assess
 from doe.planning import planned
+from doe.problem import problem_of
 from doe.request import Request
 from tests.doe.problems import unpolished
 from tests.helpers import cell_of, designed, light_chain, random_robot, read_by, with_effects
@@ -89,6 +92,17 @@ def test_paper_case_beside_table_two(massless: Cell, table_two: Poses) -> None:
         np.testing.assert_allclose(counts[0], [-140, -99.85, -56.9, -25.24, -0.01])
         assert (counts[1] == 3).all()
         assert within_limits(massless, plan.poses.q)
+
+
+def test_targets_of_a_plan_count_by_their_weights(massless: Cell, table_two: Poses) -> None:
+    def expected(weights: Array) -> float:
+        asked = replace(massless.design.targets, weights=weights)
+        cell = replace(massless, design=Planned(targets=asked))
+        return assess(problem_of(cell, Request(15, "task")), table_two.q).task_rms
+
+    each = [expected(weights) for weights in np.eye(3)]
+    assert np.ptp(each) > 0.1 * min(each)
+    assert expected(np.ones(3)) == pytest.approx(np.sqrt(np.mean(np.square(each))))
 
 
 @pytest.mark.long

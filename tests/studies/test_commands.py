@@ -183,7 +183,7 @@ def test_a_slipped_belt_is_told_with_what_it_does(months: Path) -> None:
     assert moved["change"] == pytest.approx(SLIP * 1e6, rel=0.05)
     assert fields["verdict"] == "does_not"
     assert fields["kept_worst_mm"]["low"] > 0.1
-    assert "may.json does not hold within 0.1 mm: worst target" in said
+    assert "may.json does not hold within 0.1 mm: at the worst target" in said
     assert "Moved: joint_offset:J3.offset" in said
     named = [Path(entry["file"]).name for entry in fields["inputs"]]
     assert named == ["cell.toml", "arm.csv", "may.json", "june.json"]

@@ -22,6 +22,7 @@ _LARGEST_FILE = 2_000_000_000  # bytes
 _LARGEST_NUMBER = 1e12
 _REMEDY = "leave the row out if it was not logged"
 _FEWEST = 50  # rows of a run
+_CARRIED, _SAME_LOAD = "payload_kg", 1e-3
 _BAD_STAMPS = 0.01  # share of a run's rows that may go
 _BREAK = 0.5  # s, beyond which a run begins anew
 _OTHER_RATE = 1.6  # times: between parts of a run
@@ -49,8 +50,9 @@ def load_motions(cell: Cell, path: str | Path) -> Motions:
         for j, s in zip(robot.joints, robot.prismatic.tolist(), strict=True)
     ]
     read = [column.name for column in (*given, *behind) if column is not None]
-    wanted = list(dict.fromkeys(["time_s", *read, *efforts]))
+    wanted = list(dict.fromkeys(["time_s", *read, *efforts, *({_CARRIED} & set(columns))]))
     sessions, lines, numbers = _numbers(path, columns, rows, wanted)
+    _refuse_other_loads(path, cell, numbers, lines)
     q = _joint_values(numbers, given, 0.0)
     effort = np.column_stack([numbers[name] for name in efforts])
     if unit == "A" and all(joint in cell.motion.constants for joint in robot.joints):
@@ -84,6 +86,16 @@ def _efforts(path: Path, columns: Sequence[str], robot: Robot) -> tuple[list[str
             raise InputError(path, "line 1", what, "give every joint's")
     remedy = f"add {torques[0]} .. or {currents[0]} .. of every joint"
     raise InputError(path, "line 1", "has no torques and no currents", remedy)
+
+
+def _refuse_other_loads(path: Path, cell: Cell, numbers: dict[str, Array], lines: Array) -> None:
+    """Raises InputError for a row whose load is not that of the cell, as the model has no other."""
+    off = np.abs(numbers.get(_CARRIED, np.full(1, cell.payload.mass)) - cell.payload.mass)
+    if (off > _SAME_LOAD * max(cell.payload.mass, 1.0)).any():
+        k = int(off.argmax())
+        what = f"is {numbers[_CARRIED][k]:g}, where the cell carries {cell.payload.mass:g} kg"
+        remedy = "keep runs of one load, and state it as [payload]"
+        raise InputError(path, f"line {lines[k]}, column {_CARRIED}", what, remedy)
 
 
 def _numbers(

@@ -239,6 +239,21 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
         assert np.allclose(one.effort, other.effort, rtol=1e-7)
 
 
+def test_a_load_that_the_cell_does_not_carry_is_refused(tmp_path: Path) -> None:
+    """As a plan with a [load] has them: the model of the torques has one load for all runs."""
+    cell = cell_of(arm(tmp_path))
+    path = written(tmp_path, day(arm(tmp_path), cell.robot, 1, 7))
+    head, *rows = path.read_text().splitlines()
+    for mass in (0, 3):
+        text = "\n".join([f"{head},payload_kg", *(f"{row},{mass}" for row in rows), ""])
+        path.write_text(text)
+        if mass:
+            with pytest.raises(InputError, match="carries 0 kg; keep runs of one load, and state"):
+                load_motions(cell, path)
+        else:
+            assert load_motions(cell, path).runs
+
+
 def unsigned(row: str) -> str:
     cells = row.split(",")
     return ",".join([*cells[:-4], *(cell.lstrip("-") for cell in cells[-4:])])

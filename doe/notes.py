@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.arm.robot import odd_limits
 from calib.effects.elastic import StiffnessVsAngle
+from calib.instruments.camera import Camera
 from doe.constraints.self_collision import SelfCollision
 from doe.parameters import by_reason
 from doe.plan import Design
@@ -17,11 +18,14 @@ def granted_by(design: Design) -> tuple[str, ...]:
     """What the expected error takes for granted, in words that follow "taking for granted"."""
     cell, judged = design.problem.cell, design.assessment
     blind = ", ".join(cell.unseen_joints)
+    cameras = [own for own in cell.instruments if isinstance(own, Camera)]
+    endless = ", ".join(own.name for own in cameras if own.image is None)
     granted = {
         f"{len(design.problem.targets)} poses spread over the joint limits as targets": (
             cell.design.targets is None
         ),
         f"{blind} exact and rigid, as no instrument sees them err": bool(blind),
+        f"images of {endless} without an edge, as no image_px is given": bool(endless),
         f"{judged.hidden} of {judged.points} points out of sight": judged.hidden > 0,
     }
     return tuple(text for text, applies in granted.items() if applies)

@@ -151,9 +151,9 @@ class BoardTable(BodyTable):
     def board(self, name: str, channels: slice, points: Array, least: int | None) -> Board:
         """The board with the points that are read of it.
 
-        least : points by which it counts, by default all of a chessboard, and half of a coded one, whose
-            markers no camera finds from a hand's breadth away. Where nobody said how it stands, nobody
-            knows which way it faces
+        least : points by which it counts, by default all of a chessboard, and half of a coded one: no
+            camera finds its markers from near by. Where nobody said how it stands, nobody knows which
+            way it faces
         """
         chessboard = self.squares is not None and self.marker_mm is None
         side = ((self.pitch_mm if chessboard else self.marker_mm) or 0.0) * MM

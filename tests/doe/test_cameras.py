@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -17,6 +18,7 @@ from calib.cell import Cell
 from doe import design
 from doe.candidates import drawn
 from doe.constraints import scene_of, visible
+from doe.notes import granted_by
 from doe.views import looking, views_of
 from studies.command.explain import page
 from tests.camera_cells import kr270_cell
@@ -148,6 +150,12 @@ def test_every_pose_of_a_plan_shows_the_head_the_board(tmp_path: Path) -> None:
     eye = (900.0, (640.0, 480.0))
     assert all(shown(T, corners(5, 4, 0.02), *eye) for T in between(cell, plan.poses.q))
     assert "hip, bend exact and rigid, as no instrument sees them err" in plan.granted
+    assert not any("edge" in own for own in plan.granted)
+    (eye,) = plan.problem.cell.instruments
+    bare = replace(plan.problem, cell=replace(cell, instruments=(replace(eye, image=None),)))
+    assert "images of eye without an edge, as no image_px is given" in granted_by(
+        replace(plan, problem=bare)
+    )
 
 
 @pytest.mark.parametrize(

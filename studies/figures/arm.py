@@ -17,6 +17,7 @@ from studies.figures import style
 
 _SIDE, _FRONT, _ABOVE = np.eye(3)[[0, 2]], np.eye(3)[[1, 2]], np.eye(3)[[0, 1]]
 _FAINT = 20  # poses; of more, each is fainter
+_AXES = (":x", ":y")  # a metre off: names of the ends of a frame's axes
 _NEAR = 1.6  # arm lengths; an instrument farther away is not in the picture
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
 _MARKER, _TIP = (
@@ -66,13 +67,14 @@ def arm(cell: Cell, q: Array) -> Figure:
 
 
 def placed(cell: Cell, q: Array) -> tuple[Array, Array]:
-    """Origins of the frames (m, F, 3) and markers (m, M, 3) of the nominal arm, m, base frame.
+    """Origins of the frames (m, F, 3) and markers (m, k, 3) of the nominal arm, m, base frame.
 
-    q : ndarray, shape (m, n), rad or m
+    q : ndarray, shape (m, n), rad or m. Ends of the axes of what is read as a frame are no markers
     """
-    frames, on = forward(cell.robot, q), cell.marker_frames
+    points = [not name.endswith(_AXES) for name in cell.marker_names]
+    frames, on = forward(cell.robot, q), cell.marker_frames[points]
     origins = link_origins(cell.robot, frames, q)
-    turned = np.einsum("mkij,kj->mki", frames.R_link[:, on], cell.markers.reshape(-1, 3))
+    turned = np.einsum("mkij,kj->mki", frames.R_link[:, on], cell.markers[points])
     return origins, origins[:, on] + turned
 
 

@@ -21,6 +21,7 @@ import calib
 from calib import Cell
 from calib.diagnosis import Diagnosis
 from studies import figures
+from studies.figures.arm import placed
 from studies.figures.parameters import ellipse
 from studies.figures.style import log_axis, panels, styled, svg
 from studies.render import markdown
@@ -173,6 +174,8 @@ def test_every_tip_of_a_tree_is_drawn(tmp_path: Path) -> None:
     figure = figures.arm(cell, in_view(cell, 5).q)
     thick = [line for line in figure.axes[0].lines if line.get_linewidth() == 4.0]
     assert len(thick) == len(cell.robot.tips)
+    # The ends of the axes of the eye, a metre off, are no markers.
+    assert placed(cell, in_view(cell, 5).q)[1].shape[1] == len(cell.marker_names) - 2
     assert collisions(figure) == []
 
 

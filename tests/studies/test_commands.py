@@ -192,7 +192,7 @@ def test_a_slipped_belt_is_told_with_what_it_does(months: Path) -> None:
 def test_a_robot_that_stayed_still_holds(months: Path) -> None:
     fields, said = compared_months(months, "july.json", "--tolerance-mm", 0.1)
     assert (fields["status"], fields["verdict"]) == ("unchanged", "holds")
-    assert "Nothing moved between may.json and july.json" in said
+    assert "No change is found between may.json and july.json" in said
     assert "would go unnoticed" in said
     worst = fields["kept_worst_mm"]
     between = (worst["low"] + worst["high"]) / 2.0

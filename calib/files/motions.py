@@ -30,10 +30,11 @@ _UNSIGNED = 2.0 / 3.0  # share of the joints
 
 
 def holds_motions(path: Path) -> bool:
-    """Whether a table holds motions: a header of times without markers and poses."""
+    """Whether a table holds motions, of whatever units: times and efforts, no markers and poses."""
     names = columns_of(path)
-    driven = any(name.endswith(("_Nm", "_N", "_A")) for name in names)
-    return driven and "time_s" in names and not names & {"marker", "pose", "instrument"}
+    driven = any(name.endswith(("Nm", "_N", "_A", "_mA")) for name in names)
+    timed = any(name.partition("_")[0] == "time" for name in names)
+    return driven and timed and not names & {"marker", "pose", "instrument"}
 
 
 def load_motions(cell: Cell, path: str | Path) -> Motions:

@@ -254,6 +254,22 @@ def test_a_load_that_the_cell_does_not_carry_is_refused(tmp_path: Path) -> None:
             assert load_motions(cell, path).runs
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [("time_s", "time", "write 'time' as 'time_s'"), ("_Nm", "_mNm", "has no torques")],
+)
+def test_a_table_of_other_units_is_known_as_one_of_motions(
+    tmp_path: Path, right: str, wrong: str, said: str
+) -> None:
+    cell = cell_of(arm(tmp_path))
+    path = written(tmp_path, day(arm(tmp_path), cell.robot, 1, 7))
+    head, rest = path.read_text().split("\n", 1)
+    path.write_text(f"{head.replace(right, wrong)}\n{rest}")
+    assert holds_motions(path)
+    with pytest.raises(InputError, match=said):
+        load_motions(cell, path)
+
+
 def unsigned(row: str) -> str:
     cells = row.split(",")
     return ",".join([*cells[:-4], *(cell.lstrip("-") for cell in cells[-4:])])

@@ -119,9 +119,8 @@ def _moves(xi: Array) -> dict[int, tuple[Array, Array]]:
     """Shift (..., m, 3) and rotation (..., m, 3, 3) of each frame that xi (..., m, F, 6) displaces."""
     at = np.flatnonzero(xi.any(axis=(*range(xi.ndim - 2), -1)))
     own = np.moveaxis(xi[..., at, :], -2, 0)
-    return dict(
-        zip(at.tolist(), zip(own[..., :3], so3_exp(own[..., 3:]), strict=True), strict=True)
-    )
+    shifts, turns = own[..., :3], so3_exp(own[..., 3:])
+    return {k: (shifts[i], turns[i]) for i, k in enumerate(at.tolist())}
 
 
 def tip_points(

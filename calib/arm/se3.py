@@ -126,16 +126,19 @@ def so3_exp(r: Array) -> Array:
 
 
 def so3_terms(axes: Array) -> Array:
-    """Rotations about unit axes (..., 3) as columns of 1, sin and cos of the angle, (..., 9, 3)."""
+    """What 1, sin and cos of an angle add to the rotation about unit axes (..., 3), (..., 9, 3)."""
     along = axes[..., :, None] * axes[..., None, :]
     parts = np.stack([along, skew(axes), np.eye(3) - along], axis=-1)
     return parts.reshape(*axes.shape[:-1], 9, 3)
 
 
-def so3_about(own: Array, angle: Array) -> Array:
-    """Rotation matrices, shape (m, 3, 3), by angles (m,), rad; own : (9, 3), of :func:`so3_terms`."""
-    terms = np.array([np.ones_like(angle), np.sin(angle), np.cos(angle)])
-    return batch_first((own @ terms).reshape(3, 3, -1), 2)
+def so3_about(terms: Array, angle: Array) -> Array:
+    """Rotation matrices, shape (m, 3, 3), by angles (m,), rad, about the axis of some terms (9, 3).
+
+    terms : of :func:`so3_terms`
+    """
+    functions = np.array([np.ones_like(angle), np.sin(angle), np.cos(angle)])
+    return batch_first((terms @ functions).reshape(3, 3, -1), 2)
 
 
 def _squared(r: Array) -> Array:

@@ -22,7 +22,7 @@ _LARGEST_FILE = 2_000_000_000  # bytes
 _LARGEST_NUMBER = 1e12
 _REMEDY = "leave the row out if it was not logged"
 _FEWEST = 50  # rows of a run
-_CARRIED, _SAME_LOAD = "payload_kg", 1e-3
+_CARRIED, _SAME_LOAD = "payload_kg", 1e-3  # kg, or share of a load above one
 _BAD_STAMPS = 0.01  # share of a run's rows that may go
 _BREAK = 0.5  # s, beyond which a run begins anew
 _OTHER_RATE = 1.6  # times: between parts of a run
@@ -32,7 +32,7 @@ _UNSIGNED = 2.0 / 3.0  # share of the joints
 def holds_motions(path: Path) -> bool:
     """Whether a table holds motions, of whatever units: times and efforts, no markers and poses."""
     names = columns_of(path)
-    driven = any(name.endswith(("Nm", "_N", "_A", "_mA")) for name in names)
+    driven = any(name.endswith(("_Nm", "_mNm", "_N", "_A", "_mA")) for name in names)
     timed = any(name.partition("_")[0] == "time" for name in names)
     return driven and timed and not names & {"marker", "pose", "instrument"}
 
@@ -91,10 +91,12 @@ def _efforts(path: Path, columns: Sequence[str], robot: Robot) -> tuple[list[str
 
 def _refuse_other_loads(path: Path, cell: Cell, numbers: dict[str, Array], lines: Array) -> None:
     """Raises InputError for a row whose load is not that of the cell, as the model has no other."""
-    off = np.abs(numbers.get(_CARRIED, np.full(1, cell.payload.mass)) - cell.payload.mass)
-    if (off > _SAME_LOAD * max(cell.payload.mass, 1.0)).any():
-        k = int(off.argmax())
-        what = f"is {numbers[_CARRIED][k]:g}, where the cell carries {cell.payload.mass:g} kg"
+    if _CARRIED not in numbers:
+        return
+    given, known = numbers[_CARRIED], cell.payload.mass
+    k = int(np.abs(given - known).argmax())
+    if abs(given[k] - known) > _SAME_LOAD * max(known, 1.0):
+        what = f"is {given[k]:g}, where the cell carries {known:g} kg"
         remedy = "keep runs of one load, and state it as [payload]"
         raise InputError(path, f"line {lines[k]}, column {_CARRIED}", what, remedy)
 

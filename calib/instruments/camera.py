@@ -355,7 +355,8 @@ class CameraTable(BodyTable, KeysTable):
     tilt: Annotated[Positive, Field(lt=90), times(DEG), key("max_tilt_deg")] = 60.0 * DEG
     """camera: largest angle between the line of sight and a board's normal in a plan"""
     min_points: Count | None = None
-    """camera: fewest points by which a plan counts a board; without it all of a chessboard, or half"""
+    """camera: fewest points by which a plan counts a board, by default all of a chessboard, half of
+    others"""
 
     def seen(self, boards: Mapping[str, BoardTable]) -> dict[str, BoardTable]:
         """The boards that it looks at: those that it names, else all that do not ride with it."""

@@ -21,7 +21,7 @@ from doe.constraints import scene_of, visible
 from doe.notes import granted_by
 from doe.views import looking, views_of
 from studies.command.explain import page
-from tests.camera_cells import kr270_cell
+from tests.camera_cells import camera_text, kr270_cell
 from tests.camera_days import SETUPS, Truth, corners, kr270_day, pixels
 from tests.plain_arm import tips
 from tests.trees import in_mujoco
@@ -195,3 +195,21 @@ def test_a_clean_day_has_nothing_systematic(
     truth = Truth(OFF, seed=seed, grows=grows, scatter=scatter)
     found = doe.enough(*kr270_day(tmp_path, SETUPS[setup], truth, 30, 4))
     assert found.lacking.of_model <= 0.5 * found.steps[0].task_rms
+
+
+@pytest.mark.parametrize(
+    ("keys", "least"),
+    [("", 40), ("marker_mm = 22", 20)],
+    ids=["chessboard", "coded"],
+)
+def test_a_plan_counts_a_board_by_enough_of_its_points(
+    tmp_path: Path, keys: str, least: int
+) -> None:
+    board = f'[boards.b]\non = "tip"\nsquares = [9, 6]\npitch_mm = 30\n{keys}\n'
+    places = "position_mm = {}\nrpy_deg = [0, 0, 0]\n"
+    tables = (
+        board + places.format([0, 0, 100]),
+        camera_text("cam", "world", places.format([3000, 0, 0])),
+    )
+    (camera,) = load_cell(kr270_cell(tmp_path, *tables, effects=("base", "tool"))).instruments
+    assert [own.least for own in camera.boards] == [least]

@@ -30,9 +30,7 @@ def write_case(folder: Path, case: Case) -> None:
     write_scene(folder, case.scene, case.noisy, case.seen)
 
 
-def _values(
-    cause: Cause, scored: bool = True, slides: bool = False, timed: bool = True
-) -> list[Entry]:
+def _values(cause: Cause, scored: bool, slides: bool, timed: bool) -> list[Entry]:
     found = []
     for name, value in cause.values.items():
         shown = unit(cause.effect, name, slides, timed)

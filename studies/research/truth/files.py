@@ -27,7 +27,10 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
 
 
 def write_scene(folder: Path, scene: Scene, points: Array, seen: Mask) -> None:
-    """Write cell.toml, robot.urdf, measurements.csv and heldout.csv into a new folder."""
+    """Write cell.toml, robot.urdf, measurements.csv and heldout.csv into a new folder.
+
+    points : ndarray, shape (N, M, 3), m, as read; seen : shape (N, M), which of them were
+    """
     folder.mkdir(parents=True)
     fitted, held = np.flatnonzero(~scene.session.held), np.flatnonzero(scene.session.held)
     texts = {
